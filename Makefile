@@ -1,0 +1,62 @@
+# Everything a developer or CI runs.  Needs git, make and Python 3.11 or later; the rest goes into .venv.
+
+PYTHON ?= python3
+JOBS ?= 2
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input -q
+SOURCES := src tests benchmarks examples
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test soak check format bench lock clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.installed  ## make the virtual environment with the pinned requirements
+
+demo: setup  ## plan the thesis's scene; show the deployment and draw it
+	@rm -rf build/demo
+	$(BIN)/covey plan examples/thesis-5.1.yaml --out build/demo --bound --baseline
+	@echo "The figure is build/demo/deployment.png, the whole result build/demo/result.json."
+
+test: setup  ## run all tests
+	$(BIN)/python -m pytest -n $(JOBS)
+
+soak: setup  ## run all tests with long seed sweeps and long fuzzing
+	$(BIN)/python -m pytest -n $(JOBS) --soak
+
+check: setup  ## format, lint, types, layers
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup  ## format the sources and mend what the linter can
+	$(BIN)/ruff check --fix $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+bench: setup  ## print the benchmarks as JSON
+	@$(BIN)/python benchmarks/run.py
+
+lock: setup  ## pin the requirements anew
+	$(BIN)/uv pip compile pyproject.toml requirements/dev.in --output-file requirements/dev.txt --upgrade \
+	    --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url --no-header --quiet
+
+clean:  ## remove the virtual environment and everything built
+	rm -rf $(VENV) build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Made anew whenever the pins change, so that it holds exactly what they name.
+$(VENV)/.requirements: requirements/dev.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "covey needs Python 3.11 or later; choose one with: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' || \
+	    { echo "this Python cannot make virtual environments; on Debian: apt-get install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(PIP) install --require-hashes -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.requirements pyproject.toml
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@

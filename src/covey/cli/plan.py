@@ -1,0 +1,94 @@
+"""``covey plan``: from a mission file to a deployment and its proof."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from covey.runtime.result import Deployment
+
+INTERRUPTED = 130
+
+
+def plan(
+    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="Mission file: YAML, TOML or JSON.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness, instead of the mission's.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where to write the result; by default a new directory in covey-out/."),
+    ] = None,
+    trade: Annotated[
+        Literal["thesis", "pairwise"] | None, typer.Option(help="How two agents trade, instead of the mission's way.")
+    ] = None,
+    optimizer: Annotated[
+        Literal["search", "exact", "differential-evolution"] | None,
+        typer.Option(help="What looks for poses, instead of the mission's choice."),
+    ] = None,
+    bound: Annotated[bool, typer.Option("--bound", help="Prove what no deployment of this team can exceed.")] = False,
+    baseline: Annotated[
+        bool, typer.Option("--baseline", help="Also deploy greedily and by Lloyd's iteration, to compare.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the content of result.json, nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Plan a mission: who goes where and watches what, proved.
+
+    The result directory gets result.json, agents.csv, deployment.png, deployment.pdf and, for missions on the map,
+    deployment.geojson. Ctrl-C ends the planning early and keeps what is known by then.
+
+    [bold]Examples[/bold]
+
+      covey plan scene.yaml
+
+      covey plan scene.yaml --seed 3 --out results/3 --bound --baseline
+
+      covey plan scene.yaml --trade thesis --json --quiet > result.json
+    """
+    from covey.errors import OutputError
+    from covey.mission import OptimizerName, Trade, load_mission
+
+    loaded = load_mission(mission, seed=seed)
+
+    from covey.cli.progress import ProgressLine
+    from covey.runtime.record import check_result_target, default_directory, write_result
+
+    target = default_directory(loaded.name, loaded.seed) if out is None else out
+    check_result_target(target, overwrite=force)
+
+    from covey.runtime.plan import plan as plan_mission
+
+    with ProgressLine(quiet=quiet) as progress:
+        deployment = plan_mission(
+            loaded,
+            trade=None if trade is None else Trade(trade),
+            optimizer=None if optimizer is None else OptimizerName(optimizer),
+            bound=bound,
+            baseline=baseline,
+            on_progress=progress,
+        )
+    failure: OutputError | None = None
+    try:
+        write_result(deployment, target, overwrite=force)
+    except OutputError as error:  # what was found must not be lost with it
+        failure = error
+    _show(deployment, target, json=json, quiet=quiet, written=failure is None)
+    if failure is not None:
+        raise failure
+    if deployment.status.value == "interrupted":
+        typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _show(deployment: Deployment, target: Path, *, json: bool, quiet: bool, written: bool) -> None:
+    if json:
+        from covey.runtime.record import result_text
+
+        typer.echo(result_text(deployment, target), nl=False)
+    elif not quiet:
+        from covey.cli.summary import print_summary
+
+        print_summary(deployment, target if written else None)

@@ -1,0 +1,106 @@
+"""`covey validate`: is this mission file right, and what does it say?"""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from covey.mission import Mission, SensorSpec
+
+
+def validate(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Mission files: YAML, TOML or JSON.")],
+    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Report every mistake in mission files at once, or say what is in them."""
+    from covey.errors import MissionError
+    from covey.mission import load_mission
+
+    findings: list[dict[str, Any]] = []
+    for file in files:
+        try:
+            mission = load_mission(file)
+        except MissionError as error:
+            mistakes = [vars(mistake) for mistake in error.mistakes]
+            findings.append({"file": str(file), "valid": False, "mistakes": mistakes})
+            if not json:
+                typer.echo(str(error))
+            continue
+        facts = summary(mission)
+        findings.append({"file": str(file), "valid": True, "mistakes": [], "summary": facts})
+        if not json:
+            typer.echo(f"{file}: valid")
+            for key, value in facts.items():
+                typer.echo(f"  {key:<13}{value}")
+    valid = all(finding["valid"] for finding in findings)
+    if json:
+        typer.echo(json_module.dumps({"valid": valid, "files": findings}, indent=2, ensure_ascii=False))
+    if not valid:
+        raise typer.Exit(2)
+
+
+def summary(mission: Mission) -> dict[str, str]:
+    """Say in a few lines what a mission holds.
+
+    Parameters
+    ----------
+    mission : Mission
+
+    Returns
+    -------
+    dict of str to str
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage, georeference.
+    """
+    landmarks = mission.landmarks
+    size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
+    normals = ", with normals" if landmarks.normals_W is not None else ""
+    holes = len(mission.region.holes)
+    coverage = mission.coverage
+    assignment = getattr(coverage.assignment, "value", "by the operator")
+    drawn = sum(agent.drawn for agent in mission.agents)
+    own_sensor = sum(agent.sensor != mission.sensor for agent in mission.agents)
+    own_region = sum(agent.region is not mission.region for agent in mission.agents)
+    notes = [(drawn, "a pose drawn from the seed"), (own_sensor, "another sensor"), (own_region, "another region")]
+    shown = [agent.name for agent in mission.agents[:8]] + (["..."] if len(mission.agents) > 8 else [])
+    facts = {
+        "mission": f"{mission.name}, seed {mission.seed}",
+        "landmarks": f"{len(landmarks):,}{size}{normals}, total weight {landmarks.weights.sum():g}{_strips(mission)}",
+        "region": f"{mission.region.shape.area:,.6g} m²" + (f", {holes} hole{'s' * (holes > 1)}" if holes else ""),
+        "agents": "; ".join(
+            [f"{len(mission.agents)}: {', '.join(shown)}"] + [f"{n} with {what}" for n, what in notes if n]
+        ),
+        "sensor": _sensor(mission.sensor),
+        "coverage": f"sigma {coverage.sigma:g}, trade {coverage.trade.value}, optimizer {coverage.optimizer.value}, "
+        f"assignment {assignment}",
+    }
+    origin = mission.georeference
+    if origin is not None:
+        facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"
+    return facts
+
+
+def _sensor(sensor: SensorSpec) -> str:
+    options = dict(sensor.options)
+    distance = options.pop("optimal_distance", None)
+    parts = [sensor.model] + ([f"optimal distance {distance:g} m"] if distance is not None else [])
+    return ", ".join(parts + [f"{name} {value:g}" for name, value in options.items()])
+
+
+def _strips(mission: Mission) -> str:
+    """Say how much of a grid's box is left over where its sides are no multiples of the spacing."""
+    from covey.environment.sites import cells
+
+    grid = mission.source["environment"]["landmarks"].get("grid")
+    if grid is None:
+        return ""
+    parts = []
+    for axis in ("x_m", "y_m"):
+        low, high = grid[axis]
+        rest = (high - low) - cells(low, high, grid["spacing_m"]) * grid["spacing_m"]
+        if rest > 1e-9 * (high - low):
+            parts.append(f"{rest:.3g} m in {axis[0]}")
+    return f", {' and '.join(parts)} left over at the upper end" if parts else ""

@@ -1,0 +1,126 @@
+"""Pose problems for models of which only values and Lipschitz constants are known: a user's own.
+
+Slower than the compiled models, and the same promises: `search` never returns less than its start, `prove` returns an
+upper bound that holds as long as the model's `maximum` and `lipschitz` are true.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.geometry import Pose2
+from covey.optimize.base import PoseProblem, PoseResult, Status
+
+STARTS = 24
+BATCH = 256
+
+
+def values(problem: PoseProblem, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Objective at poses, shape (s, 3): shape (s,)."""
+    visibility = problem.model.visibility(poses, problem.landmarks)
+    if problem.thresholds is not None:
+        visibility = np.maximum(0.0, visibility - problem.thresholds)
+    return visibility @ problem.landmarks.weights
+
+
+def search(problem: PoseProblem, *, start: Pose2 | None, rng: np.random.Generator) -> PoseResult:
+    """Compass search from the best of many random poses, all starts at once."""
+    region = problem.region
+    x0, x1, y0, y1 = region.bounds
+    size = max(x1 - x0, y1 - y0)
+    poses = np.column_stack([region.sample(512, rng=rng), rng.uniform(-math.pi, math.pi, 512)])
+    if start is not None:
+        poses = np.vstack([poses, start.as_array()])
+    scores = values(problem, poses)
+    evaluations = len(poses)
+    chosen = np.argsort(-scores, kind="stable")[:STARTS]
+    if start is not None:
+        chosen = np.append(chosen, len(poses) - 1)
+    poses, scores = poses[chosen], scores[chosen]
+    reach = np.full(len(poses), 1.0 / 16.0)
+    while (reach > 1e-9).any():
+        turns = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        moves = np.vstack([turns, -turns]) * np.array([size, size, math.pi])
+        trials = poses[:, None, :] + reach[:, None, None] * moves[None, :, :]
+        flat = trials.reshape(-1, 3)
+        trial_scores = values(problem, flat)
+        trial_scores[~region.contains_points(flat[:, :2])] = -math.inf
+        evaluations += len(flat)
+        trial_scores = trial_scores.reshape(len(poses), -1)
+        best = trial_scores.argmax(axis=1)
+        rows = np.arange(len(poses))
+        better = trial_scores[rows, best] > scores
+        poses[better] = trials[rows, best][better]
+        scores[better] = trial_scores[rows, best][better]
+        reach = np.where(better, np.minimum(2.0 * reach, 0.125), 0.5 * reach)
+        if len(poses) > 4 and reach.min() < 1e-3:
+            kept = np.argsort(-scores, kind="stable")[: max(4, len(poses) // 2)]
+            poses, scores, reach = poses[kept], scores[kept], reach[kept]
+    pose = Pose2.from_array(poses[scores.argmax()])
+    score = problem.score(pose)
+    if start is not None and problem.score(start) >= score:
+        pose, score = start, problem.score(start)
+    return PoseResult(pose, score, evaluations=evaluations)
+
+
+def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: int) -> PoseResult:
+    """Best-first branch and bound on ``vis(A') <= min(maximum, vis(A) + L_p |p' - p| + L_psi |psi' - psi|)``.
+
+    The number of boxes grows like a power of 1/tolerance, so it stops after `limit` / 10 boxes with the bound it has.
+    """
+    region, model, landmarks = problem.region, problem.model, problem.landmarks
+    x0, x1, y0, y1 = region.bounds
+    thresholds = np.zeros(len(landmarks)) if problem.thresholds is None else problem.thresholds
+    per_metre, per_radian = model.lipschitz
+    turning = per_radian > 0.0
+    best, pose = known.score, known.pose
+    root = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0, 0.5 * (x1 - x0), 0.5 * (y1 - y0), math.pi)
+    everything = float(np.maximum(0.0, model.maximum - thresholds) @ landmarks.weights)
+    heap: list[tuple[float, tuple[float, ...]]] = [(-everything, root)]
+    closed, evaluations = -math.inf, known.evaluations
+    rounding = 1e-13 * len(landmarks) * (1.0 + everything)
+    while heap and -heap[0][0] > best + tolerance and evaluations < limit / 10:
+        parents = np.array([heapq.heappop(heap) [1] for _ in range(min(BATCH, len(heap)))])
+        reach = np.column_stack(
+            [parents[:, 3] * per_metre, parents[:, 4] * per_metre, parents[:, 5] * per_radian if turning else 0 * parents[:, 5]]
+        )
+        rows, axis = np.arange(len(parents)), reach.argmax(axis=1)
+        boxes = np.concatenate([parents, parents])
+        half = parents[rows, 3 + axis] / 2.0
+        for side, sign in ((0, -1.0), (len(parents), 1.0)):
+            boxes[side + rows, 3 + axis] = half
+            boxes[side + rows, axis] += sign * half
+        radius = np.hypot(boxes[:, 3], boxes[:, 4])
+        kept = np.array([_touches(problem, box, r) for box, r in zip(boxes, radius, strict=True)])
+        boxes, radius = boxes[kept], radius[kept]
+        if not len(boxes):
+            continue
+        visibility = model.visibility(boxes[:, :3], landmarks)
+        slack = per_metre * radius + per_radian * boxes[:, 5]
+        upper = np.minimum(model.maximum, visibility + slack[:, None])
+        bounds = np.maximum(0.0, upper - thresholds) @ landmarks.weights + rounding
+        scores = np.maximum(0.0, visibility - thresholds) @ landmarks.weights
+        scores[~region.contains_points(boxes[:, :2])] = -math.inf
+        evaluations += len(boxes)
+        top = int(scores.argmax())
+        if scores[top] > best:
+            best, pose = float(scores[top]), Pose2.from_array(boxes[top, :3])
+        for bound, box in zip(bounds, boxes, strict=True):
+            if bound > best + tolerance:
+                heapq.heappush(heap, (-float(bound), tuple(box)))
+            else:
+                closed = max(closed, float(bound))
+    score = problem.score(pose)
+    upper_bound = max(score, closed, -heap[0][0] if heap else -math.inf)
+    proved = upper_bound <= score + tolerance * (1.0 + 1e-9)
+    return PoseResult(pose, score, upper_bound, Status.PROVED if proved else Status.BUDGET, evaluations)
+
+
+def _touches(problem: PoseProblem, box: NDArray[np.float64], radius: float) -> bool:
+    """Whether the box may hold a position of the region."""
+    x, y = problem.region.project(float(box[0]), float(box[1]))
+    return math.hypot(x - box[0], y - box[1]) <= radius + 1e-6

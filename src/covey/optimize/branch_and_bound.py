@@ -1,0 +1,241 @@
+"""`exact`: the best pose with a proof, by branch and bound over boxes of positions and headings.
+
+The bound of a box comes from `sensing.kernels.linear_bounds`: each landmark's part is at most the positive part of a function
+that is linear in the offset from the box's centre and linear in the heading vector.  A sum of positive parts of linear
+functions is convex, so over the box it is largest at one of its four corners, and over the headings at one of the three
+corners of a triangle around their arc.  Twelve plain sums bound a box, and the overestimate falls with the square of
+its size, so the number of boxes grows with the logarithm of the tolerance only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.compiled import fast_kernel, kernel
+from covey.errors import ArgumentError
+from covey.geometry import Pose2
+from covey.optimize import blackbox
+from covey.optimize.ascent import ascend, contains_point, nearest_on_edges, pose_value
+from covey.optimize.base import PoseProblem, PoseResult, Status
+from covey.optimize.packing import landmark_columns
+from covey.optimize.search import POLISH, Search
+from covey.sensing.base import CompiledModel
+from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
+
+SECTORS = 8
+STACK = 20_000
+CHUNK = 20_000
+
+
+@fast_kernel
+def _vertex_bound(lines: NDArray[np.float64], tx: float, ty: float) -> float:
+    """Largest sum over the four corners of the box for one heading vector."""
+    pp = pm = mp = mm = 0.0
+    for k in range(lines.shape[1]):
+        centre = lines[0, k] * tx + lines[1, k] * ty + lines[2, k]
+        ex = lines[3, k] * tx + lines[4, k] * ty + lines[5, k]
+        ey = lines[6, k] * tx + lines[7, k] * ty + lines[8, k]
+        plus = centre + ex
+        minus = centre - ex
+        pp += max(0.0, plus + ey)
+        pm += max(0.0, plus - ey)
+        mp += max(0.0, minus + ey)
+        mm += max(0.0, minus - ey)
+    return max(max(pp, pm), max(mp, mm))
+
+
+@kernel
+def _box_bound(
+    kind: int,
+    columns: NDArray[np.float64],
+    box: NDArray[np.float64],
+    target: float,
+    vertices: NDArray[np.float64],
+    lines: NDArray[np.float64],
+) -> tuple[float, bool]:
+    """Upper bound over a box (x, y, heading and their half sizes), and whether its heading is the side to cut.
+
+    A bound above `target` may come before all of the box is looked at only where the box is kept anyway.
+    """
+    turn = 2.0 if kind == ORIENTED else 1.0
+    psi, width = box[2], box[5]
+    vertices[0, 0], vertices[0, 1] = math.cos(psi - width), math.sin(psi - width)
+    vertices[1, 0], vertices[1, 1] = math.cos(psi + width), math.sin(psi + width)
+    outer = 1.0 / math.cos(width) if kind != ISOTROPIC else 1.0
+    vertices[2, 0], vertices[2, 1] = outer * math.cos(psi), outer * math.sin(psi)
+    slack = linear_bounds(kind, columns, box[0], box[1], box[3], box[4], vertices, lines)
+    if kind == ISOTROPIC:
+        return _vertex_bound(lines, 0.0, 0.0), False
+    outer = 1.0 / math.cos(turn * width)
+    bound = _vertex_bound(lines, outer * math.cos(turn * psi), outer * math.sin(turn * psi))
+    for side in (-1.0, 1.0):
+        angle = turn * (psi + side * width)
+        bound = max(bound, _vertex_bound(lines, math.cos(angle), math.sin(angle)))
+    return bound, 0.5 * slack < bound * (outer - 1.0)
+
+
+@kernel
+def _branch(
+    kind: int,
+    columns: NDArray[np.float64],
+    edges: NDArray[np.float64],
+    inset: NDArray[np.float64],
+    tolerance: float,
+    limit: int,
+    best: NDArray[np.float64],
+    stack: NDArray[np.float64],
+    top: int,
+    closed: float,
+    polish: int,
+) -> tuple[int, float, int]:
+    """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of a closed box, bounds computed).
+
+    Parameters
+    ----------
+    columns : array, shape (6, n)
+        Landmarks as in `linear_bounds`.
+    edges, inset : arrays, shape (e, 4)
+        The region's edges and those just inside it, in optimal distances.
+    best : array, shape (4,)
+        Incumbent: value, x, y, heading; improved in place.
+    stack : array, shape (STACK, 8)
+        Open boxes: x, y, heading, their half sizes, bound, whether the heading is cut next.
+    closed : float
+        Highest bound of a box closed so far.
+    """
+    bounds = 0
+    n = columns.shape[1]
+    lines = np.empty((9, n))
+    vertices = np.empty((3, 2))
+    rounding = 1e-13 * n * max(1.0, best[0])
+    kinds = np.zeros(1, dtype=np.int64)
+    kinds[0] = kind
+    scales = np.ones(1)
+    offsets = np.zeros(2, dtype=np.int64)
+    offsets[1] = inset.shape[0]
+    start = np.empty((1, 3))
+    box = np.empty(8)
+    parent = np.empty(8)
+    while top > 0 and limit > 0 and top < stack.shape[0] - 2:
+        limit -= 1
+        top -= 1
+        bound = stack[top, 6]
+        if bound <= best[0] + tolerance:
+            closed = max(closed, bound)
+            continue
+        for j in range(8):
+            parent[j] = stack[top, j]
+        first = top
+        for side in (-1.0, 1.0):
+            for j in range(8):
+                box[j] = parent[j]
+            j = 2 if parent[7] > 0.0 else (0 if parent[3] >= parent[4] else 1)
+            box[j + 3] *= 0.5
+            box[j] += side * box[j + 3]
+            x, y = box[0], box[1]
+            if not contains_point(edges, x, y):
+                qx, qy, _, _ = nearest_on_edges(edges, x, y)
+                if math.hypot(qx - x, qy - y) > math.hypot(box[3], box[4]) + 1e-9:
+                    continue  # no point of the box is in the region
+            child, turn = _box_bound(kind, columns, box, best[0] + tolerance, vertices, lines)
+            bounds += 1
+            child = min(child + rounding, bound)
+            if child <= best[0] + tolerance:
+                closed = max(closed, child)
+                continue
+            if not contains_point(inset, x, y):
+                x, y, _, _ = nearest_on_edges(inset, x, y)
+            value = pose_value(kind, columns, 1.0, x, y, math.cos(box[2]), math.sin(box[2]))
+            if value > best[0]:
+                start[0, 0], start[0, 1], start[0, 2] = x, y, box[2]
+                value, pose, _ = ascend(kinds, scales, columns, inset, offsets, start, polish, 1e-10)
+                if value > best[0]:
+                    best[0], best[1], best[2], best[3] = value, pose[0, 0], pose[0, 1], pose[0, 2]
+            for j in range(6):
+                stack[top, j] = box[j]
+            stack[top, 6] = child
+            stack[top, 7] = 1.0 if turn else 0.0
+            top += 1
+        if top == first + 2 and stack[first, 6] > stack[first + 1, 6]:
+            for j in range(8):
+                stack[first, j], stack[first + 1, j] = stack[first + 1, j], stack[first, j]
+    return top, closed, bounds
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Branch and bound: the best pose to a proved gap, over any region.
+
+    Parameters
+    ----------
+    limit : int
+        How many boxes at most; then the result's status is BUDGET, and its bound still holds.
+
+    Notes
+    -----
+    Boxes grow with the logarithm of 1/tolerance and little with the number n of landmarks; each costs O(n).  A model that is
+    not built in is bounded by its Lipschitz constants (`covey.optimize.blackbox`), where boxes grow with a power of
+    1/tolerance.  Source: Sposato (2016), section 4.7, whose proof needs such a solver.  Deviation: V1, V4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from covey.environment import Landmarks
+    >>> from covey.geometry import Region
+    >>> from covey.sensing import Anisotropic
+    >>> problem = PoseProblem(Anisotropic(), Landmarks(np.array([[0.0, 0.0]])), Region.box(-5, 5, -5, 5))
+    >>> result = Exact().maximize(problem, tolerance=1e-6, rng=np.random.default_rng(0))
+    >>> result.status.value, round(result.upper_bound, 5)
+    ('proved', 1.0)
+    """
+
+    limit: int = 20_000_000
+    name: str = "exact"
+
+    def maximize(
+        self,
+        problem: PoseProblem,
+        *,
+        start: Pose2 | None = None,
+        tolerance: float = 1e-3,
+        rng: np.random.Generator,
+    ) -> PoseResult:
+        """Solve a pose problem to the tolerance; see `PoseOptimizer.maximize`."""
+        if not tolerance > 0.0:
+            raise ArgumentError(f"tolerance: expected a number above 0, got {tolerance}")
+        model = problem.model
+        known = Search().maximize(problem, start=start, tolerance=tolerance, rng=rng)
+        if not isinstance(model, CompiledModel):
+            return blackbox.prove(problem, known, tolerance=tolerance, limit=self.limit)
+        unit = model.optimal_distance
+        columns = landmark_columns(problem.landmarks, problem.thresholds)
+        columns[:2] /= unit
+        edges, inset = problem.region.edges / unit, problem.region.inset_edges / unit
+        best = np.array([known.score, known.pose.x / unit, known.pose.y / unit, known.pose.yaw])
+        stack = np.zeros((STACK, 8))
+        x0, x1, y0, y1 = (value / unit for value in problem.region.bounds)
+        sectors = 1 if int(model.kernel) == ISOTROPIC else SECTORS
+        everything = float(columns[4] @ np.maximum(0.0, model.maximum - columns[5]))
+        for sector in range(sectors):
+            width = math.pi / sectors
+            psi = -math.pi + (2 * sector + 1) * width
+            stack[sector] = (0.5 * (x0 + x1), 0.5 * (y0 + y1), psi, 0.5 * (x1 - x0), 0.5 * (y1 - y0), width, everything, 0.0)
+        top, closed, evaluations = sectors, -math.inf, known.evaluations
+        budget = self.limit
+        while top > 0 and budget > 0 and top < STACK - 2:
+            chunk = min(CHUNK, budget)
+            top, closed, bounds = _branch(
+                int(model.kernel), columns, edges, inset, tolerance, chunk, best, stack, top, closed, POLISH
+            )
+            budget -= chunk
+            evaluations += bounds
+        pose = known.pose
+        if best[0] > known.score:
+            pose = Pose2(best[1] * unit, best[2] * unit, best[3])
+        score = problem.score(pose)
+        upper = max(score, closed, float(stack[:top, 6].max()) if top else -math.inf)
+        return PoseResult(pose, score, upper, Status.PROVED if top == 0 else Status.BUDGET, evaluations)

@@ -1,0 +1,226 @@
+"""Two agents that meet: the best two poses and the best split of the landmarks they own together.
+
+With poses fixed the best split gives each landmark to the agent that sees it better, so the joint problem is
+``max over A_1, A_2 of sum_k w_k max(vis_1(A_1, s_k), vis_2(A_2, s_k))`` over the union.  Trading first and moving afterwards, as the
+thesis does, stops at configurations that this improves (pairwise-optimal partitions: Durham, Carli, Frasca, Bullo,
+*Discrete partitioning and coverage control for gossiping robots*, IEEE Transactions on Robotics 28, 2012).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.compiled import fast_kernel
+from covey.environment import Landmarks
+from covey.geometry import Pose2, Region
+from covey.optimize import blackbox
+from covey.optimize.ascent import climb_all, pose_values
+from covey.optimize.base import PoseProblem
+from covey.optimize.packing import landmark_columns
+from covey.optimize.search import POLISH, candidate_poses, spread
+from covey.sensing.base import CompiledModel, VisibilityModel
+from covey.sensing.kernels import visibility_gradients
+
+
+@dataclass(frozen=True, eq=False)
+class PairProblem:
+    """Two agents and the landmarks they own together.
+
+    Parameters
+    ----------
+    models, regions, poses : tuples of two
+        Each agent's sensor, region and present pose.
+    landmarks : Landmarks
+        The union of what they own.
+    """
+
+    models: tuple[VisibilityModel, VisibilityModel]
+    regions: tuple[Region, Region]
+    poses: tuple[Pose2, Pose2]
+    landmarks: Landmarks
+
+    def visibility(self, poses: tuple[Pose2, Pose2]) -> NDArray[np.float64]:
+        """Visibility of each landmark from both poses, shape (2, n)."""
+        return np.vstack(
+            [
+                model.visibility(pose.as_array()[None, :], self.landmarks)
+                for model, pose in zip(self.models, poses, strict=True)
+            ]
+        )
+
+    def score(self, poses: tuple[Pose2, Pose2]) -> float:
+        """Return the joint score of two poses with the best split."""
+        return float(self.visibility(poses).max(axis=0) @ self.landmarks.weights)
+
+
+@fast_kernel
+def _pair_values(
+    first: NDArray[np.float32], second: NDArray[np.float32], values: NDArray[np.float32], same: bool
+) -> None:
+    """Joint score of every pair of candidates from their weighted visibilities, shapes (a, n) and (b, n): shape (a, b)."""
+    for i in range(first.shape[0]):
+        for j in range(i if same else 0, second.shape[0]):
+            total = np.float32(0.0)
+            for k in range(first.shape[1]):
+                total += max(first[i, k], second[j, k])
+            values[i, j] = total
+
+
+@fast_kernel
+def _visibility_rows(
+    kind: int,
+    columns: NDArray[np.float64],
+    inverse: float,
+    poses: NDArray[np.float64],
+    scratch: NDArray[np.float64],
+    rows: NDArray[np.float32],
+) -> None:
+    for i in range(poses.shape[0]):
+        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        visibility_gradients(kind, columns, inverse, poses[i, 0], poses[i, 1], c, s, scratch)
+        for k in range(columns.shape[1]):
+            rows[i, k] = columns[4, k] * max(0.0, scratch[0, k])
+
+
+@dataclass(frozen=True)
+class PairSearch:
+    """Score all pairs of a set of candidate poses, climb with both agents at once from the best pairs.
+
+    Parameters
+    ----------
+    anchors : int
+        How many landmarks the candidates look at.
+    candidates : int
+        How many candidates an agent has.
+    starts : int
+        From how many pairs it climbs, the present poses among them.
+    keep : int
+        How many of those are climbed to the end.
+
+    Notes
+    -----
+    O(candidates^2 n + evaluations n).
+    """
+
+    anchors: int = 32
+    candidates: int = 64
+    starts: int = 40
+    keep: int = 10
+
+    def maximize(self, problem: PairProblem, *, rng: np.random.Generator) -> tuple[tuple[Pose2, Pose2], float]:
+        """Return two poses and their joint score, which is never below that of the present poses."""
+        models = problem.models
+        present = problem.score(problem.poses)
+        if not len(problem.landmarks):
+            return problem.poses, present
+        if not (isinstance(models[0], CompiledModel) and isinstance(models[1], CompiledModel)):
+            return _alternate(problem, present, rng=rng)
+        columns = landmark_columns(problem.landmarks)
+        pools = [self._pool(models[0], problem.regions[0], problem.landmarks, columns, rng)]
+        same = models[0] == models[1] and problem.regions[0] is problem.regions[1]
+        pools.append(
+            pools[0] if same else self._pool(models[1], problem.regions[1], problem.landmarks, columns, rng)
+        )
+        (first, first_rows), (second, second_rows) = pools
+        values = np.full((len(first), len(second)), -np.inf, dtype=np.float32)
+        _pair_values(first_rows, second_rows, values, same)
+        unit = min(models[0].optimal_distance, models[1].optimal_distance)
+        pairs = _spread_pairs(first, second, values, unit, self.starts - 1)
+        starts = np.empty((len(pairs) + 1, 2, 3))
+        starts[0, 0], starts[0, 1] = problem.poses[0].as_array(), problem.poses[1].as_array()
+        for row, (i, j) in enumerate(pairs, start=1):
+            starts[row, 0], starts[row, 1] = first[i], second[j]
+        edges = [region.inset_edges for region in problem.regions]
+        _, found, _ = climb_all(
+            np.array([int(models[0].kernel), int(models[1].kernel)]),
+            np.array([models[0].optimal_distance, models[1].optimal_distance]),
+            columns,
+            np.vstack(edges),
+            np.array([0, len(edges[0]), len(edges[0]) + len(edges[1])]),
+            starts,
+            60,
+            self.keep,
+            POLISH,
+            1e-7,
+        )
+        poses = (Pose2.from_array(found[0]), Pose2.from_array(found[1]))
+        score = problem.score(poses)
+        return (poses, score) if score > present else (problem.poses, present)
+
+    def _pool(
+        self,
+        model: CompiledModel,
+        region: Region,
+        landmarks: Landmarks,
+        columns: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Candidate poses, shape (c, 3), and how well they see the landmarks, shape (c, n)."""
+        unit = model.optimal_distance
+        poses = candidate_poses(landmarks, region, unit, self.anchors, rng=rng)
+        values = np.empty(len(poses))
+        pose_values(int(model.kernel), columns, 1.0 / unit, poses, values)
+        chosen = poses[spread(poses, values, unit, self.candidates)]
+        rows = np.empty((len(chosen), len(landmarks)), dtype=np.float32)
+        _visibility_rows(
+            int(model.kernel), columns, 1.0 / unit, chosen, np.empty((4, len(landmarks))), rows
+        )
+        return chosen, rows
+
+
+def _spread_pairs(
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    values: NDArray[np.float32],
+    unit: float,
+    count: int,
+) -> list[tuple[int, int]]:
+    """Return the best pairs, each of which differs from every better one in at least one of its poses."""
+    flat = values.ravel()
+    pool = min(len(flat), 30 * count)
+    order = np.argpartition(-flat, pool - 1)[:pool]
+    order = order[np.argsort(-flat[order], kind="stable")]
+    chosen: list[tuple[int, int]] = []
+    for index in order:
+        i, j = divmod(int(index), len(second))
+        if not math.isfinite(flat[index]):
+            break
+        near = any(
+            math.hypot(first[i, 0] - first[a, 0], first[i, 1] - first[a, 1])
+            + math.hypot(second[j, 0] - second[b, 0], second[j, 1] - second[b, 1])
+            < unit
+            for a, b in chosen
+        )
+        if not near:
+            chosen.append((i, j))
+            if len(chosen) == count:
+                break
+    return chosen
+
+
+def _alternate(
+    problem: PairProblem, present: float, *, rng: np.random.Generator
+) -> tuple[tuple[Pose2, Pose2], float]:
+    """Each agent in turn plays its best response to the other, for models without compiled gradients."""
+    best, best_score = problem.poses, present
+    for leader in (0, 1):
+        poses = list(problem.poses)
+        score = -math.inf
+        for turn in range(12):
+            i = (leader + turn) % 2
+            other = problem.models[1 - i].visibility(poses[1 - i].as_array()[None, :], problem.landmarks)[0]
+            response = blackbox.search(
+                PoseProblem(problem.models[i], problem.landmarks, problem.regions[i], other), start=poses[i], rng=rng
+            )
+            poses[i] = response.pose
+            improved = problem.score((poses[0], poses[1]))
+            if turn and improved <= score + 1e-9:
+                break
+            score = improved
+        if score > best_score:
+            best, best_score = (poses[0], poses[1]), score
+    return best, best_score

@@ -1,0 +1,85 @@
+"""Sans-IO trading: agents as state machines that take messages in and give messages out."""
+
+from covey.protocol.holdings import Escrow, Holdings
+from covey.protocol.messages import (
+    Abort,
+    Ack,
+    Busy,
+    Commit,
+    Heartbeat,
+    Message,
+    Nothing,
+    Offer,
+    Reason,
+    Request,
+    Sender,
+    TradeId,
+)
+from covey.protocol.node import Node
+from covey.protocol.outputs import (
+    Cause,
+    Event,
+    GoTo,
+    OfferDeclined,
+    Output,
+    PoseOptimized,
+    Publish,
+    Send,
+    TradeCommitted,
+    WaypointAbandoned,
+)
+from covey.protocol.partners import NodeOptions, Order, Partners, random_order
+from covey.protocol.planner import AgentState, Planner, Proposal, Verdict, coverage_score, is_better, judge
+from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice
+from covey.protocol.state import TRANSITIONS, Lock, ProtocolError, Transition, Trigger, next_state
+from covey.protocol.termination import TerminationDetector
+
+__all__ = [
+    "TRANSITIONS",
+    "Abort",
+    "Ack",
+    "AgentState",
+    "Busy",
+    "Cause",
+    "Commit",
+    "Escrow",
+    "Event",
+    "GoTo",
+    "Heartbeat",
+    "Holdings",
+    "LandmarkRecords",
+    "Lock",
+    "Message",
+    "Node",
+    "NodeOptions",
+    "Nothing",
+    "Offer",
+    "OfferDeclined",
+    "Order",
+    "Output",
+    "Partners",
+    "Planner",
+    "PoseOptimized",
+    "PoseRecord",
+    "PoseRecords",
+    "Proposal",
+    "ProtocolError",
+    "Publish",
+    "Reason",
+    "RecordSlice",
+    "Request",
+    "Send",
+    "Sender",
+    "TerminationDetector",
+    "TradeCommitted",
+    "TradeId",
+    "Transition",
+    "Trigger",
+    "Verdict",
+    "WaypointAbandoned",
+    "coverage_score",
+    "is_better",
+    "judge",
+    "next_state",
+    "random_order",
+]

@@ -1,0 +1,132 @@
+"""What a node asks the world to do, and what it reports for the log."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.geometry import Pose2
+from covey.protocol.messages import Heartbeat, Message, Reason, TradeId
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Send a message to one agent."""
+
+    to: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Publish a heartbeat on the state topic."""
+
+    heartbeat: Heartbeat
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Take the vehicle to this pose, then call `Node.waypoint_reached` or `Node.waypoint_unreachable`."""
+
+    pose: Pose2
+
+
+class Cause(enum.Enum):
+    """Who found the better pose."""
+
+    OPTIMIZER = "optimizer"
+    PROOF = "proof"
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOptimized:
+    """An agent committed a better pose for its landmarks (Algorithm 3).
+
+    Parameters
+    ----------
+    agent : int
+    pose : Pose2
+    before, after : float
+        The agent's coverage score at the old and the new pose.
+    cause : Cause
+    """
+
+    agent: int
+    pose: Pose2
+    before: float
+    after: float
+    cause: Cause
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TradeCommitted:
+    """Two agents traded; reported by the client at the commit point, once a trade.
+
+    Parameters
+    ----------
+    trade : TradeId
+    client, server : int
+    client_pose, server_pose : Pose2
+        The committed poses after the trade.
+    client_landmarks, server_landmarks : array, shape (k,)
+        Sorted landmarks after the trade.
+    moved : int
+        How many landmarks changed hands.
+    before, after : float
+        The joint coverage score of the two.
+    """
+
+    trade: TradeId
+    client: int
+    server: int
+    client_pose: Pose2
+    server_pose: Pose2
+    client_landmarks: NDArray[np.int64]
+    server_landmarks: NDArray[np.int64]
+    moved: int
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointAbandoned:
+    """A waypoint could not be reached and the pose held was committed: the score may fall here, and only here.
+
+    Parameters
+    ----------
+    agent : int
+    abandoned, held : Pose2
+    before, after : float
+        The agent's coverage score at the pose it was sent to and at the one it holds.
+
+    Notes
+    -----
+    Deviation: V8.
+    """
+
+    agent: int
+    abandoned: Pose2
+    held: Pose2
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class OfferDeclined:
+    """A client turned an offer down."""
+
+    trade: TradeId
+    client: int
+    server: int
+    reason: Reason
+
+
+Event: TypeAlias = PoseOptimized | TradeCommitted | WaypointAbandoned | OfferDeclined
+"""Anything for the log."""
+
+Output: TypeAlias = Send | Publish | GoTo | Event
+"""Anything a node returns."""

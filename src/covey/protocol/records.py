@@ -1,0 +1,228 @@
+"""Who owns each landmark and which pose each agent has committed: records that merge by their maximum.
+
+A merge is commutative, associative and idempotent, so messages may come late, twice or in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.errors import ArgumentError
+from covey.geometry import Pose2
+
+GENERATION, VERSION, OWNER, INCARNATION = range(4)
+"""Columns of a record, most significant first."""
+
+FIRST_GENERATION = 1
+"""The generation of a mission's first records; an agent without memory holds generation 0 and never wins."""
+
+
+class PoseRecord(NamedTuple):
+    """The committed pose of one agent.
+
+    Parameters
+    ----------
+    generation, version : int
+        The newer record has the larger pair.  Every commit raises the version, so it also tells whether the agent's
+        landmarks changed.
+    pose : Pose2
+    """
+
+    generation: int
+    version: int
+    pose: Pose2
+
+    def key(self) -> tuple[float, ...]:
+        """Return what the maximum is taken over; the pose itself only makes the order total."""
+        return (self.generation, self.version, self.pose.x, self.pose.y, self.pose.yaw)
+
+    def next(self, pose: Pose2) -> PoseRecord:
+        """Return the record that follows this one."""
+        return PoseRecord(self.generation, self.version + 1, pose)
+
+
+class PoseRecords:
+    """The newest committed pose known of each agent.
+
+    Parameters
+    ----------
+    records : mapping of agent to PoseRecord
+
+    Examples
+    --------
+    >>> poses = PoseRecords.initial({3: Pose2(0.0, 0.0, 0.0)})
+    >>> poses.merge(3, poses[3].next(Pose2(1.0, 0.0, 0.0))), poses.pose(3).x
+    (True, 1.0)
+    """
+
+    def __init__(self, records: Mapping[int, PoseRecord]) -> None:
+        self._records = dict(records)
+
+    @classmethod
+    def initial(cls, poses: Mapping[int, Pose2]) -> PoseRecords:
+        """Build the records of a mission's start."""
+        return cls({agent: PoseRecord(FIRST_GENERATION, 0, pose) for agent, pose in poses.items()})
+
+    def __getitem__(self, agent: int) -> PoseRecord:
+        return self._records[agent]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._records)
+
+    def __contains__(self, agent: int) -> bool:
+        return agent in self._records
+
+    def pose(self, agent: int) -> Pose2:
+        """Return the pose of an agent."""
+        return self._records[agent].pose
+
+    def copy(self) -> PoseRecords:
+        """Return an independent copy."""
+        return PoseRecords(self._records)
+
+    def merge(self, agent: int, record: PoseRecord) -> bool:
+        """Keep the newer of the known record and this one; return whether it was this one."""
+        known = self._records.get(agent)
+        if known is not None and (known is record or known.key() >= record.key()):
+            return False
+        self._records[agent] = record
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSlice:
+    """Records of some landmarks, as messages carry them.
+
+    Parameters
+    ----------
+    indices : array, shape (k,)
+        Landmarks, sorted.
+    values : array, shape (k, 4)
+        (generation, version, owner, incarnation of the owner) of each.
+    """
+
+    indices: NDArray[np.int64]
+    values: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        self.indices.setflags(write=False)
+        self.values.setflags(write=False)
+
+    def next(self, owner: int, incarnation: int) -> RecordSlice:
+        """Return the records that follow these when all the landmarks go to one owner."""
+        values = self.values.copy()
+        values[:, VERSION] += 1
+        values[:, OWNER] = owner
+        values[:, INCARNATION] = incarnation
+        return RecordSlice(self.indices, values)
+
+    def select(self, indices: NDArray[np.int64]) -> RecordSlice:
+        """Return the records of a sorted subset of the landmarks."""
+        return RecordSlice(indices, self.values[np.searchsorted(self.indices, indices)])
+
+    @staticmethod
+    def join(first: RecordSlice, second: RecordSlice) -> RecordSlice:
+        """Return both slices, of different landmarks, as one."""
+        indices = np.concatenate([first.indices, second.indices])
+        order = np.argsort(indices)
+        return RecordSlice(indices[order], np.concatenate([first.values, second.values])[order])
+
+
+class LandmarkRecords:
+    """The newest ownership record known of each landmark: (generation, version, owner, incarnation).
+
+    Parameters
+    ----------
+    values : array, shape (n, 4)
+        int64, one record a landmark.
+
+    Raises
+    ------
+    ArgumentError
+        If the shape is another.
+
+    Notes
+    -----
+    The merge is the lexicographic maximum of the four columns.  Deviation: V9.
+
+    Examples
+    --------
+    >>> records = LandmarkRecords.initial(3, {0: np.array([0, 2]), 1: np.array([1])})
+    >>> records.owned_by(0, 1)
+    array([0, 2])
+    >>> records.merge(records.slice(np.array([2])).next(owner=1, incarnation=1))
+    array([ True])
+    >>> records.owned_by(0, 1)
+    array([0])
+    """
+
+    def __init__(self, values: NDArray[np.int64]) -> None:
+        self.values: NDArray[np.int64] = np.array(values, dtype=np.int64)
+        if self.values.ndim != 2 or self.values.shape[1] != 4:
+            raise ArgumentError(f"values: expected shape (n, 4), got {self.values.shape}")
+
+    @classmethod
+    def initial(cls, n: int, partition: Mapping[int, NDArray[np.int64]], *, incarnation: int = 1) -> LandmarkRecords:
+        """Build the records of a mission's start from a partition of ``range(n)``.
+
+        Raises
+        ------
+        ArgumentError
+            If a landmark has no owner, two owners, or is not below n.
+        """
+        values = np.zeros((n, 4), dtype=np.int64)
+        values[:, GENERATION] = FIRST_GENERATION
+        values[:, INCARNATION] = incarnation
+        claims = np.zeros(n, dtype=np.int64)
+        for agent, landmarks in partition.items():
+            indices = np.asarray(landmarks, dtype=np.int64)
+            if indices.size and (indices.min() < 0 or indices.max() >= n):
+                raise ArgumentError(f"partition: expected landmarks in [0, {n}), agent {agent} has others")
+            np.add.at(claims, indices, 1)
+            values[indices, OWNER] = agent
+        if (claims != 1).any():
+            k = int(np.flatnonzero(claims != 1)[0])
+            raise ArgumentError(f"partition: expected each landmark once, landmark {k} is there {claims[k]} times")
+        return cls(values)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def copy(self) -> LandmarkRecords:
+        """Return an independent copy."""
+        return LandmarkRecords(self.values)
+
+    def slice(self, indices: NDArray[np.int64]) -> RecordSlice:
+        """Return a copy of the records of these landmarks, shape (k,), sorted."""
+        return RecordSlice(indices, self.values[indices])
+
+    def owned_by(self, agent: int, incarnation: int) -> NDArray[np.int64]:
+        """Return the sorted landmarks of one life of one agent."""
+        mine = (self.values[:, OWNER] == agent) & (self.values[:, INCARNATION] == incarnation)
+        return np.flatnonzero(mine).astype(np.int64, copy=False)
+
+    def is_behind(self, records: RecordSlice) -> NDArray[np.bool_]:
+        """Return, shape (k,), which of these records are newer than the known ones."""
+        return _newer(records.values, self.values[records.indices])
+
+    def is_ahead(self, records: RecordSlice) -> NDArray[np.bool_]:
+        """Return, shape (k,), for which of these records a newer one is known."""
+        return _newer(self.values[records.indices], records.values)
+
+    def merge(self, records: RecordSlice) -> NDArray[np.bool_]:
+        """Keep the newer of each known record and the one given; return, shape (k,), where it was the one given."""
+        newer = self.is_behind(records)
+        self.values[records.indices[newer]] = records.values[newer]
+        return newer
+
+
+def _newer(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
+    newer = a[:, INCARNATION] > b[:, INCARNATION]
+    for column in (OWNER, VERSION, GENERATION):
+        newer = (a[:, column] > b[:, column]) | ((a[:, column] == b[:, column]) & newer)
+    return newer

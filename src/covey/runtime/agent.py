@@ -1,0 +1,186 @@
+"""What the agents of a mission think with: sensors, regions, optimisers and the rule of trade behind the node's `Planner`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.coverage import transfer
+from covey.environment import Landmarks
+from covey.geometry import Pose2, Region
+from covey.mission import Mission, OptimizerName, Trade
+from covey.optimize import (
+    DifferentialEvolution,
+    Exact,
+    PairProblem,
+    PairSearch,
+    PoseOptimizer,
+    PoseProblem,
+    Search,
+)
+from covey.protocol import AgentState, PoseRecords, Proposal
+from covey.runtime.streams import Stream, generator
+from covey.sensing import VisibilityModel, build_model
+
+LEAST_GAIN = 0.1
+"""What a new pose or a joint re-optimisation must gain, in units of sigma, to be worth a flight."""
+
+FAR = 2.0
+"""Two agents whose landmarks lie further apart than this, in optimal distances, only compare what they see."""
+
+
+def build_optimizer(name: OptimizerName) -> PoseOptimizer:
+    """Build the pose optimiser that a mission names."""
+    optimizers: dict[OptimizerName, PoseOptimizer] = {
+        OptimizerName.SEARCH: Search(),
+        OptimizerName.EXACT: Exact(),
+        OptimizerName.DIFFERENTIAL_EVOLUTION: DifferentialEvolution(),
+    }
+    return optimizers[name]
+
+
+def build_models(mission: Mission) -> tuple[VisibilityModel, ...]:
+    """Build each agent's sensor; agents with the same specification share one."""
+    folder = mission.path.parent if mission.path is not None else None
+    built: list[tuple[object, VisibilityModel]] = []
+    models = []
+    for agent in mission.agents:
+        for specification, known in built:
+            if specification == agent.sensor:
+                models.append(known)
+                break
+        else:
+            model = build_model(agent.sensor.model, agent.sensor.options, folder=folder)
+            built.append((agent.sensor, model))
+            models.append(model)
+    return tuple(models)
+
+
+class TeamPlanner:
+    """Implements `covey.protocol.Planner` for the agents of a mission.
+
+    Parameters
+    ----------
+    mission : Mission
+    models : sequence of VisibilityModel
+        Each agent's sensor.
+    trade : Trade
+        The rule of trade.
+    optimizer : OptimizerName
+        What solves pose problems (Algorithm 3).
+    seed : int
+        Root of all randomness.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        models: Sequence[VisibilityModel],
+        *,
+        trade: Trade,
+        optimizer: OptimizerName,
+        seed: int,
+    ) -> None:
+        self.sigma = mission.coverage.sigma
+        self.landmarks: Landmarks = mission.landmarks
+        self.weights: NDArray[np.float64] = mission.landmarks.weights
+        self.models = tuple(models)
+        self.regions: tuple[Region, ...] = tuple(agent.region for agent in mission.agents)
+        self.optimizer = build_optimizer(optimizer)
+        self.optimizations = 0
+        self._trade = trade
+        self._rngs = [generator(seed, Stream.PLANNER, agent) for agent in range(len(mission.agents))]
+        self._pair = PairSearch()
+        self._seen: list[dict[Pose2, NDArray[np.float64]]] = [{} for _ in mission.agents]
+
+    def visibility(self, agent: int, pose: Pose2) -> NDArray[np.float64]:
+        """Visibility of every landmark for an agent at a pose, shape (n,); the last few answers are kept."""
+        seen = self._seen[agent]
+        row = seen.get(pose)
+        if row is None:
+            row = self.models[agent].visibility(pose.as_array()[None, :], self.landmarks)[0]
+            if len(seen) >= 4:
+                del seen[next(iter(seen))]
+            seen[pose] = row
+        return row
+
+    def improve(self, agent: int, pose: Pose2, landmarks: NDArray[np.int64]) -> Pose2 | None:
+        """Return a pose that is better by more than `LEAST_GAIN`, or None (Algorithm 3).  Deviation: V3."""
+        self.optimizations += 1
+        problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self.regions[agent])
+        result = self.optimizer.maximize(
+            problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent]
+        )
+        return result.pose if result.score > problem.score(pose) + LEAST_GAIN * self.sigma else None
+
+    def propose(self, server: AgentState, client: AgentState) -> Proposal | None:
+        """Return the trade that the mission's rule finds, or None."""
+        if self._trade is Trade.PAIRWISE:
+            proposal = self._reoptimise(server, client)
+            if proposal is not None:
+                return proposal
+        return self._transfer(server, client)
+
+    def _transfer(self, server: AgentState, client: AgentState) -> Proposal | None:
+        """Algorithm 6: poses stay."""
+        mine, yours = transfer(
+            self.visibility(server.agent, server.pose),
+            self.visibility(client.agent, client.pose),
+            server.landmarks,
+            client.landmarks,
+            self.sigma,
+        )
+        if np.array_equal(mine, server.landmarks):
+            return None
+        return Proposal(server.pose, client.pose, mine, yours)
+
+    def _reoptimise(self, server: AgentState, client: AgentState) -> Proposal | None:
+        """Both poses and the split of the union together."""
+        union = np.concatenate([server.landmarks, client.landmarks])
+        union.sort()
+        if not len(union) or self._apart(server, client):
+            return None
+        models = (self.models[server.agent], self.models[client.agent])
+        problem = PairProblem(
+            models,
+            (self.regions[server.agent], self.regions[client.agent]),
+            (server.pose, client.pose),
+            self.landmarks.subset(union),
+        )
+        before = self._score(server) + self._score(client)
+        poses, score = self._pair.maximize(problem, rng=self._rngs[server.agent])
+        if score <= before + LEAST_GAIN * self.sigma:
+            return None
+        seen = problem.visibility(poses)
+        mine = seen[0] > seen[1]
+        tie = seen[0] == seen[1]
+        if tie.any():
+            mine = np.where(tie, np.isin(union, server.landmarks, assume_unique=True), mine)
+        return Proposal(poses[0], poses[1], union[mine], union[~mine])
+
+    def _score(self, state: AgentState) -> float:
+        row = self.visibility(state.agent, state.pose)[state.landmarks]
+        return float(row @ self.weights[state.landmarks])
+
+    def _apart(self, server: AgentState, client: AgentState) -> bool:
+        """Whether the landmarks of the two lie so far apart that sharing them anew is hopeless."""
+        if not (len(server.landmarks) and len(client.landmarks)):
+            return False
+        first = self.landmarks.positions_W[server.landmarks]
+        second = self.landmarks.positions_W[client.landmarks]
+        gap = np.maximum(first.min(axis=0) - second.max(axis=0), second.min(axis=0) - first.max(axis=0))
+        unit = max(getattr(self.models[state.agent], "optimal_distance", np.inf) for state in (server, client))
+        return bool(np.hypot(*np.maximum(0.0, gap)) > FAR * unit)
+
+
+def nearest_first(
+    agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator
+) -> Iterable[int]:
+    """Ask the partners whose poses are nearest first: they have most to trade."""
+    own = poses.pose(agent)
+    away = [
+        np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) for other in candidates
+    ]
+    return [candidates[i] for i in np.argsort(away, kind="stable")]

@@ -1,0 +1,194 @@
+"""Checks a deployment from the result alone, and bounds what any deployment could score."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.coverage import Certificate, TeamBound, Violation, team_visibility
+from covey.coverage.certificate import ROUNDING, partition_violations, pose_violations, trade_violations
+from covey.geometry import Pose2
+from covey.mission import Mission
+from covey.optimize import Exact, PoseProblem, PoseResult
+from covey.optimize.team_bound import team_bound
+from covey.runtime.agent import build_models
+from covey.runtime.record import read_result
+from covey.runtime.result import Deployment, Progress
+from covey.runtime.streams import Stream, generator
+from covey.sensing import VisibilityModel
+
+ProgressCallback = Callable[[Progress], None]
+
+
+def prove_poses(
+    mission: Mission,
+    models: Sequence[VisibilityModel],
+    poses: Sequence[Pose2],
+    sets: Sequence[NDArray[np.int64]],
+    agents: Sequence[int],
+    *,
+    seed: int,
+    on_done: Callable[[int], None] | None = None,
+) -> dict[int, PoseResult]:
+    """Prove the poses of some agents for their landmarks to half of sigma, on all cores; the answer does not depend on how many.
+
+    Parameters
+    ----------
+    poses, sets : sequences
+        Pose and landmarks of every agent.
+    agents : sequence of int
+        Whose poses to prove.
+    on_done : callable, optional
+        Called with the number of proofs done.
+    """
+
+    def prove(agent: int) -> PoseResult:
+        problem = PoseProblem(models[agent], mission.landmarks.subset(sets[agent]), mission.agents[agent].region)
+        pose = poses[agent]
+        start = pose if mission.agents[agent].region.contains(pose.x, pose.y) else None
+        tolerance = 0.5 * mission.coverage.sigma
+        return Exact().maximize(problem, start=start, tolerance=tolerance, rng=generator(seed, Stream.PROOF, agent))
+
+    results: dict[int, PoseResult] = {}
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        try:
+            for agent, result in zip(agents, pool.map(prove, agents), strict=True):
+                results[agent] = result
+                if on_done is not None:
+                    on_done(len(results))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return results
+
+
+def build_certificate(
+    mission: Mission,
+    models: Sequence[VisibilityModel],
+    poses: Sequence[Pose2],
+    sets: Sequence[NDArray[np.int64]],
+    proofs: dict[int, PoseResult],
+) -> Certificate:
+    """Check Definition 3 with the proofs of all poses at hand."""
+    names = [agent.name for agent in mission.agents]
+    sigma = mission.coverage.sigma
+    violations = partition_violations(names, sets, len(mission.landmarks))
+    visibility = team_visibility(models, poses, mission.landmarks)
+    worst_gap = 0.0
+    for i, (name, pose) in enumerate(zip(names, poses, strict=True)):
+        x, y = mission.agents[i].region.project(pose.x, pose.y)
+        if not mission.agents[i].region.contains(pose.x, pose.y):
+            away = float(np.hypot(x - pose.x, y - pose.y))
+            message = f"{name} is outside its region, by {away:.6g} m"
+            violations.append(Violation("region", (name,), None, away, message))
+        score = float(visibility[i, sets[i]] @ mission.landmarks.weights[sets[i]])
+        gap, found = pose_violations(name, score, proofs[i].score, proofs[i].upper_bound, sigma)
+        worst_gap = max(worst_gap, gap)
+        violations += found
+    worst_gain, found = trade_violations(names, visibility, sets, sigma)
+    violations += found
+    return Certificate(not violations, sigma, worst_gap, worst_gain, tuple(violations))
+
+
+def certify(
+    source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None
+) -> Certificate:
+    """Check a deployment from what it says alone: landmarks, sensors, regions, poses, and who owns what.
+
+    Parameters
+    ----------
+    source : Deployment, str or Path
+        A deployment, or the directory that holds its result.
+    on_progress : callable, optional
+        Called with a `Progress` as the proofs go on.
+
+    Returns
+    -------
+    Certificate
+        Whether the partition is disjoint and complete, each pose inside its region and within sigma of the best for
+        its landmarks (proved by `exact`), no landmark better seen by another agent by more than sigma, and the stated
+        scores those that the poses give; what is violated, where.
+
+    Raises
+    ------
+    ResultError
+        If the directory holds no usable result.
+
+    Notes
+    -----
+    Source: Sposato (2016), Definition 3.  Deviation: V2, V4.
+    """
+    deployment = source if isinstance(source, Deployment) else read_result(source)
+    mission = deployment.mission
+    models = build_models(mission)
+    poses = deployment.poses
+    sets = [agent.landmarks for agent in deployment.agents]
+    total = len(sets)
+
+    def report(done: int) -> None:
+        if on_progress is not None:
+            on_progress(Progress("proving", deployment.score.final, fraction=done / total))
+
+    proofs = prove_poses(mission, models, poses, sets, range(total), seed=deployment.seed, on_done=report)
+    certificate = build_certificate(mission, models, poses, sets, proofs)
+    stated = [
+        Violation(
+            "score",
+            (agent.name,),
+            None,
+            abs(agent.score - score),
+            f"{agent.name} is said to score {agent.score:.6f}; its pose and landmarks give {score:.6f}",
+        )
+        for agent, score in zip(deployment.agents, _scores(deployment, models), strict=True)
+        if abs(agent.score - score) > ROUNDING * max(1.0, score)
+    ]
+    if not stated:
+        return certificate
+    return Certificate(
+        False,
+        certificate.sigma,
+        certificate.worst_pose_gap,
+        certificate.worst_trade_gain,
+        (*certificate.violations, *stated),
+    )
+
+
+def bound_team(source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None) -> TeamBound:
+    """Bound the score of every deployment of the team; see `covey.optimize.team_bound`.
+
+    Parameters
+    ----------
+    source : Deployment, str or Path
+        A deployment, or the directory that holds its result.
+    on_progress : callable, optional
+        Called with a `Progress` as it goes on.
+    """
+    deployment = source if isinstance(source, Deployment) else read_result(source)
+    mission = deployment.mission
+    models = build_models(mission)
+    score = float(_scores(deployment, models).sum())
+
+    def report(fraction: float, bound: float) -> None:
+        if on_progress is not None:
+            on_progress(Progress("bounding", bound, fraction=fraction))
+
+    return team_bound(
+        models,
+        [agent.region for agent in mission.agents],
+        deployment.poses,
+        mission.landmarks,
+        score,
+        rng=generator(deployment.seed, Stream.BOUND),
+        on_progress=report,
+    )
+
+
+def _scores(deployment: Deployment, models: Sequence[VisibilityModel]) -> NDArray[np.float64]:
+    visibility = team_visibility(models, deployment.poses, deployment.mission.landmarks)
+    weights = deployment.mission.landmarks.weights
+    return np.array([row[a.landmarks] @ weights[a.landmarks] for row, a in zip(visibility, deployment.agents, strict=True)])

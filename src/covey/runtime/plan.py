@@ -1,0 +1,191 @@
+"""Plans a mission: trade until nobody gains, prove it, go on where the proof finds better."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import metadata
+from typing import TYPE_CHECKING
+
+from covey.coverage import Certificate
+from covey.mission import Mission, OptimizerName, Trade
+from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
+from covey.runtime.baseline import greedy_lloyd
+from covey.runtime.certify import bound_team, build_certificate, prove_poses
+from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.streams import Stream, generator
+from covey.runtime.team import Team
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+REPORT_EVERY = 0.1
+"""Seconds between two calls of `on_progress`."""
+
+
+def plan(
+    mission: Mission,
+    *,
+    seed: int | None = None,
+    trade: Trade | str | None = None,
+    optimizer: OptimizerName | str | None = None,
+    bound: bool = False,
+    baseline: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Deployment:
+    """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
+
+    Parameters
+    ----------
+    mission : Mission
+    seed : int, optional
+        Instead of the mission's; poses that the mission leaves open are drawn anew.
+    trade : Trade or str, optional
+        Instead of the mission's: ``thesis`` or ``pairwise``.
+    optimizer : OptimizerName or str, optional
+        Instead of the mission's: ``search``, ``exact`` or ``differential-evolution``.
+    bound : bool
+        Also bound what any deployment of this team could score.
+    baseline : bool
+        Also deploy greedily and by Lloyd's iteration, to compare.
+    on_progress : callable, optional
+        Called with a `Progress` ten times a second at most.
+
+    Returns
+    -------
+    Deployment
+        After Ctrl-C (KeyboardInterrupt) what is known by then, with status INTERRUPTED.
+
+    Raises
+    ------
+    InputError
+        If a sensor model cannot be built.
+
+    Notes
+    -----
+    Source: Sposato (2016), Algorithms 2 to 6, section 5.1.  Deviation: V3 to V7, V10, V11.
+    """
+    if seed is not None:
+        mission = mission.with_seed(seed)
+    coverage = replace(
+        mission.coverage,
+        trade=mission.coverage.trade if trade is None else Trade(trade),
+        optimizer=mission.coverage.optimizer if optimizer is None else OptimizerName(optimizer),
+    )
+    return _Run(replace(mission, coverage=coverage), on_progress).deployment(bound=bound, baseline=baseline)
+
+
+class _Run:
+    """One planning run."""
+
+    def __init__(self, mission: Mission, on_progress: Callable[[Progress], None] | None) -> None:
+        self.mission = mission
+        self.seed = mission.seed
+        self.models = build_models(mission)
+        coverage = mission.coverage
+        self.planner = TeamPlanner(
+            mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
+        )
+        self.team = Team(mission, self.planner, seed=self.seed)
+        self.timing: dict[str, float] = {}
+        self._on_progress = on_progress
+        self._reported = 0.0
+
+    def deployment(self, *, bound: bool, baseline: bool) -> Deployment:
+        certificate = None
+        status = PlanStatus.INTERRUPTED
+        try:
+            certificate = self._settle()
+            status = PlanStatus.SETTLED
+        except KeyboardInterrupt:
+            pass
+        team = self.team
+        agents = tuple(
+            AgentResult(specification.name, team.poses[i], float(team.scores[i]), landmarks)
+            for i, (specification, landmarks) in enumerate(zip(self.mission.agents, team.sets(), strict=True))
+        )
+        result = Deployment(
+            mission=self.mission,
+            seed=self.seed,
+            sigma=self.mission.coverage.sigma,
+            trade=self.mission.coverage.trade,
+            optimizer=self.mission.coverage.optimizer,
+            status=status,
+            score=team.summary(),
+            history=tuple(team.history),
+            trades=team.trades,
+            pose_optimizations=self.planner.optimizations,
+            agents=agents,
+            certificate=certificate,
+            software=_software(),
+            snapshots=team.finish(),
+        )
+        try:
+            if bound and status is PlanStatus.SETTLED:
+                with self._timed("bound"):
+                    result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
+            if baseline and status is PlanStatus.SETTLED:
+                with self._timed("baseline"):
+                    self._report("baseline", force=True)
+                    rng = generator(self.seed, Stream.BASELINE)
+                    result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
+        except KeyboardInterrupt:
+            result = replace(result, status=PlanStatus.INTERRUPTED)
+        self.timing["total"] = sum(self.timing.values())
+        return replace(result, timing_s=self.timing)
+
+    def _settle(self) -> Certificate:
+        """Trade to the end and prove every pose; go on as long as a proof finds a better one."""
+        team, mission = self.team, self.mission
+        with self._timed("first_optimization"):
+            for done, _ in enumerate(team.start(), start=1):
+                self._report("optimizing", fraction=done / len(mission.agents))
+        proofs = {}
+        proved: dict[int, tuple[object, bytes]] = {}
+        while True:
+            with self._timed("trading"):
+                while not team.terminated:
+                    team.step()
+                    self._report("trading")
+            with self._timed("proof"):
+                sets = team.sets()
+                states = {i: (team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                open_agents = [i for i in states if proved.get(i) != states[i]]
+                proofs |= prove_poses(
+                    mission,
+                    self.models,
+                    team.poses,
+                    sets,
+                    open_agents,
+                    seed=self.seed,
+                    on_done=lambda done: self._report("proving", fraction=done / len(open_agents)),
+                )
+                proved |= {i: states[i] for i in open_agents}
+                least = LEAST_GAIN * mission.coverage.sigma
+                better = [i for i in open_agents if len(sets[i]) and proofs[i].score > team.scores[i] + least]
+                if not any([team.adopt(i, proofs[i].pose) for i in better]):
+                    return build_certificate(mission, self.models, team.poses, sets, proofs)
+
+    def _report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
+        now = time.monotonic()
+        if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
+            self._reported = now
+            self._on_progress(Progress(stage, self.team.score, self.team.trades, self.team.bus.messages, fraction))
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.timing[stage] = self.timing.get(stage, 0.0) + time.perf_counter() - begun
+
+
+def _software() -> dict[str, str]:
+    import covey
+
+    versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}
+    return {"covey": covey.__version__, "python": platform.python_version(), **versions, "platform": platform.machine()}

@@ -1,0 +1,186 @@
+"""A team that trades on the in-process bus: nodes, planner, bus, and the log of what happened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.coverage import agent_scores, team_visibility
+from covey.geometry import Pose2
+from covey.mission import Assignment, Mission
+from covey.protocol import (
+    Cause,
+    Event,
+    GoTo,
+    LandmarkRecords,
+    Lock,
+    Node,
+    PoseOptimized,
+    Publish,
+    TerminationDetector,
+    TradeCommitted,
+    WaypointAbandoned,
+)
+from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.result import HistoryEntry, Scores, Snapshot
+from covey.runtime.streams import Stream, generator
+from covey.transports import Loopback
+
+
+def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
+    """Return the index of each landmark's first owner, shape (n,).
+
+    Notes
+    -----
+    Source: Sposato (2016), Algorithm 2.
+    """
+    rule = mission.coverage.assignment
+    n, m = len(mission.landmarks), len(mission.agents)
+    if isinstance(rule, Mapping):
+        owner = np.empty(n, dtype=np.int64)
+        for index, agent in enumerate(mission.agents):
+            owner[list(rule.get(agent.name, ()))] = index
+        return owner
+    if rule is Assignment.NEAREST:
+        positions = np.array([agent.pose.position_W for agent in mission.agents])
+        away = ((mission.landmarks.positions_W[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2)
+        return away.argmin(axis=1)
+    return generator(seed, Stream.ASSIGNMENT).integers(0, m, n)
+
+
+class Team:
+    """The agents of a mission, from the first assignment to the last trade.
+
+    Parameters
+    ----------
+    mission : Mission
+    planner : TeamPlanner
+    seed : int
+        Root of all randomness.
+
+    Notes
+    -----
+    The state kept here (poses, owner, history) is that of the newest committed records, as an observer sees it that hears each
+    event the moment it happens; the nodes themselves know only what messages told them.
+    """
+
+    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int) -> None:
+        self.mission = mission
+        self.planner = planner
+        self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
+        self.owner = initial_owners(mission, seed)
+        self.trades = 0
+        agents = range(len(mission.agents))
+        self.scores = agent_scores(
+            team_visibility(planner.models, self.poses, mission.landmarks), self.owner, mission.landmarks.weights
+        )
+        self.history = [HistoryEntry("initial", (), self.score)]
+        self.snapshots = [self._snapshot("initial")]
+        self.bus = Loopback(rng=generator(seed, Stream.BUS))
+        records = LandmarkRecords.initial(
+            len(mission.landmarks), {agent: np.flatnonzero(self.owner == agent) for agent in agents}
+        )
+        poses = dict(enumerate(self.poses))
+        self.nodes = [Node(agent, list(agents), records, poses, planner, order=nearest_first) for agent in agents]
+        self._detector = TerminationDetector(agents)
+        self.bus.observe(self._detector.receive)
+        for agent, node in enumerate(self.nodes):
+            self.bus.attach(node, generator(seed, Stream.NODE, agent))
+        self._first_client: int | None = None
+
+    @property
+    def score(self) -> float:
+        """Team score at the committed poses, eq. (4.5)."""
+        return float(self.scores.sum())
+
+    @property
+    def terminated(self) -> bool:
+        """Whether every agent is quiescent and no trade is in flight, as the observer detects it."""
+        return self._detector.terminated
+
+    def start(self) -> Iterator[None]:
+        """Optimise every agent's first pose, one an iteration."""
+        for agent in range(len(self.nodes)):
+            self._act(agent, self.bus.start(agent))
+            yield
+        self._take_snapshot("after_first_optimization")
+
+    def step(self) -> None:
+        """Let the next thing on the bus happen."""
+        step = self.bus.step()
+        assert step is not None, "the bus ran dry before termination was detected"
+        if step.agent is not None:
+            self._act(step.agent, step.outputs)
+        if self._first_client is not None and self.nodes[self._first_client].lock is not Lock.CLIENT_DONE:
+            # the client is through when the server has acknowledged: by then both have optimised their poses
+            self._first_client = None
+            self._take_snapshot("after_first_trade")
+
+    def adopt(self, agent: int, pose: Pose2) -> bool:
+        """Offer an agent a better pose that a proof found; whether it took it."""
+        outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
+        for output in outputs:
+            if isinstance(output, Publish):
+                self._detector.receive(output.heartbeat)
+        self._act(agent, self.bus.apply(agent, outputs))
+        return any(isinstance(output, PoseOptimized) for output in outputs)
+
+    def sets(self) -> list[NDArray[np.int64]]:
+        """Return the sorted landmarks of each agent."""
+        return [np.flatnonzero(self.owner == agent) for agent in range(len(self.nodes))]
+
+    def summary(self) -> Scores:
+        """Return the scores at the four moments; NaN for one that was not reached."""
+        known = {snapshot.label: snapshot.score for snapshot in self.snapshots}
+        after_first = known.get("after_first_optimization", math.nan)
+        return Scores(
+            initial=known["initial"],
+            after_first_optimization=after_first,
+            after_first_trade=known.get("after_first_trade", math.nan),
+            final=self.score,
+        )
+
+    def _act(self, agent: int, outputs: Sequence[GoTo | Event]) -> None:
+        for output in outputs:
+            if isinstance(output, GoTo):
+                # planning without flying: the vehicle is at its waypoint at once
+                self._act(agent, self.bus.apply(agent, self.nodes[agent].waypoint_reached(self.bus.now)))
+            elif isinstance(output, TradeCommitted):
+                self._on_trade(output)
+            elif isinstance(output, PoseOptimized):
+                self.poses[output.agent] = output.pose
+                kind = "proof" if output.cause is Cause.PROOF else "optimization"
+                self._log(kind, (output.agent,))
+            elif isinstance(output, WaypointAbandoned):
+                self.poses[output.agent] = output.held
+                self._log("abandoned", (output.agent,))
+
+    def _on_trade(self, trade: TradeCommitted) -> None:
+        self.poses[trade.client], self.poses[trade.server] = trade.client_pose, trade.server_pose
+        self.owner[trade.client_landmarks] = trade.client
+        self.owner[trade.server_landmarks] = trade.server
+        self.trades += 1
+        if self.trades == 1:
+            self._first_client = trade.client
+        self._log("trade", (trade.client, trade.server))
+
+    def _log(self, event: str, agents: tuple[int, ...]) -> None:
+        weights = self.mission.landmarks.weights
+        for agent in agents:
+            own = np.flatnonzero(self.owner == agent)
+            self.scores[agent] = self.planner.visibility(agent, self.poses[agent])[own] @ weights[own]
+        names = tuple(self.mission.agents[agent].name for agent in agents)
+        self.history.append(HistoryEntry(event, names, self.score))
+
+    def _snapshot(self, label: str) -> Snapshot:
+        return Snapshot(label, tuple(self.poses), self.owner.copy(), self.score)
+
+    def _take_snapshot(self, label: str) -> None:
+        self.snapshots.append(self._snapshot(label))
+
+    def finish(self) -> tuple[Snapshot, ...]:
+        """Return the snapshots with the state as it is now as the last."""
+        return (*self.snapshots, self._snapshot("final"))

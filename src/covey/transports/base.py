@@ -1,0 +1,43 @@
+"""What every transport offers to one agent."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from covey.protocol import Heartbeat, Message
+
+
+@runtime_checkable
+class Transport(Protocol):
+    """One agent's access to the others.
+
+    Nothing is promised about a message: it may be lost, doubled, late or overtaken, and who sends it is never told.
+    The trading is built for that.  What does arrive has not been changed.  An implementation is checked with
+    `covey.testing.check_transport`.
+
+    Attributes
+    ----------
+    agent : int
+        Whose access it is.
+    """
+
+    @property
+    def agent(self) -> int:
+        """Whose access it is."""
+        ...
+
+    def send(self, to: int, message: Message) -> None:
+        """Send a message to one agent; never blocks, and an agent that does not exist is no error."""
+        ...
+
+    def publish(self, heartbeat: Heartbeat) -> None:
+        """Publish the newest state to all others that listen."""
+        ...
+
+    def receive(self) -> list[Message]:
+        """Take what has arrived, in the order of arrival; never blocks."""
+        ...
+
+    def close(self) -> None:
+        """Leave: nothing arrives any more, and what is sent goes nowhere."""
+        ...

@@ -1,0 +1,91 @@
+"""The conformance suite for transports, over the in-process bus; and transports with one fault, which it must find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from covey.protocol import Busy, Heartbeat, Message, RecordSlice, Request
+from covey.testing.transports import check_transport
+from covey.transports import Loopback, LoopbackEndpoint, Transport
+
+
+class Network:
+    """Opens a bus whose endpoints may be faulty."""
+
+    def __init__(self, seed: int = 0, endpoint: type[LoopbackEndpoint] = LoopbackEndpoint) -> None:
+        self.seed, self.endpoint = seed, endpoint
+
+    def __call__(self, agents: Sequence[int]) -> tuple[Sequence[Transport], Callable[[], None]]:
+        bus = Loopback(rng=np.random.default_rng(self.seed))
+        endpoints = [bus.endpoint(agent) for agent in agents]
+        for endpoint in endpoints:
+            endpoint.__class__ = self.endpoint
+
+        def settle() -> None:
+            while bus.step() is not None:
+                pass
+
+        return endpoints, settle
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_loopback_conforms(seed: int) -> None:
+    check_transport(Network(seed))
+
+
+def test_an_endpoint_is_a_transport() -> None:
+    assert isinstance(Loopback(rng=np.random.default_rng(0)).endpoint(0), Transport)
+
+
+class Loses(LoopbackEndpoint):
+    def send(self, to: int, message: Message) -> None:
+        if not (isinstance(message, Busy) and message.trade.number == 50):
+            super().send(to, message)
+
+
+class Doubles(LoopbackEndpoint):
+    def send(self, to: int, message: Message) -> None:
+        super().send(to, message)
+        super().send(to, message)
+
+
+class Broadcasts(LoopbackEndpoint):
+    def send(self, to: int, message: Message) -> None:
+        for agent in range(10):
+            super().send(agent, message)
+
+
+class Narrows(LoopbackEndpoint):
+    def send(self, to: int, message: Message) -> None:
+        if isinstance(message, Request):
+            narrow = RecordSlice(message.records.indices.astype(np.int32).astype(np.int64), message.records.values)
+            message = Request(message.sender, message.trade, message.pose, narrow, message.avoid)
+        super().send(to, message)
+
+
+class KeepsTheOldest(LoopbackEndpoint):
+    def publish(self, heartbeat: Heartbeat) -> None:
+        if heartbeat.sequence == 1:
+            super().publish(heartbeat)
+
+
+class TalksAfterClosing(LoopbackEndpoint):
+    def close(self) -> None:
+        super().close()
+        self.closed = False
+
+
+class HandsOutTwice(LoopbackEndpoint):
+    def receive(self) -> list[Message]:
+        return list(self.inbox)
+
+
+@pytest.mark.parametrize(
+    "endpoint", [Loses, Doubles, Broadcasts, Narrows, KeepsTheOldest, TalksAfterClosing, HandsOutTwice]
+)
+def test_a_faulty_transport_is_found(endpoint: type[LoopbackEndpoint]) -> None:
+    with pytest.raises(AssertionError):
+        check_transport(Network(endpoint=endpoint))

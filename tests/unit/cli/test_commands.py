@@ -1,0 +1,325 @@
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import pytest
+
+from covey.cli.main import main
+from covey.cli.progress import ProgressLine
+from covey.cli.summary import print_summary
+from covey.coverage.certificate import Certificate
+from covey.errors import CoveyError, SolverError
+from covey.mission import Mission, OptimizerName, Trade
+from covey.coverage import TeamBound
+from covey.runtime import record
+from covey.runtime.record import read_result, write_result
+from covey.runtime.result import Deployment, PlanStatus, Progress
+
+MakeDeployment = Callable[..., Deployment]
+
+MISSION = """
+schema_version: 1
+name: small
+seed: 3
+environment:
+  landmarks: {grid: {x_m: [-2, 2], y_m: [-2, 2], spacing_m: 1}}
+  region: {box: {x_m: [-2, 2], y_m: [-2, 2]}}
+agents:
+  - {name: a, pose: {x_m: 1, y_m: 0, yaw_deg: 0}}
+"""
+
+
+class Ended(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Ended]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command in an empty directory that holds `mission.yaml`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    (tmp_path / "mission.yaml").write_text(MISSION)
+
+    def run_command(*arguments: str) -> Ended:
+        with pytest.raises(SystemExit) as leaving:
+            main(list(arguments))
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return Ended(int(leaving.value.code or 0), out, err)
+
+    return run_command
+
+
+@pytest.fixture
+def asked(make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Mission, dict[str, Any]]]:
+    """Stand in for planning; returns what it was asked for."""
+    asked: list[tuple[Mission, dict[str, Any]]] = []
+
+    def plan(mission: Mission, *, on_progress: Callable[[Progress], None], **options: Any) -> Deployment:
+        asked.append((mission, options))
+        on_progress(Progress("trading", 12.345, 1, 5))
+        return make_deployment(seed=mission.seed)
+
+    monkeypatch.setitem(sys.modules, "covey.runtime.plan", SimpleNamespace(plan=plan))
+    return asked
+
+
+def test_plan_writes_and_says_where(run: Run, asked: list[tuple[Mission, dict[str, Any]]]) -> None:
+    ended = run("plan", "mission.yaml")
+    assert ended.code == 0
+    assert "covey-out/small-3" in ended.out
+    assert "8.40 (start)" in ended.out
+    assert "trading: score 12.35, 1 trade, 5 messages" in ended.err
+    assert read_result("covey-out/small-3").seed == 3
+    assert run("plan", "mission.yaml").out.count("covey-out/small-3-2") == 1
+    assert asked[0][1] == {"trade": None, "optimizer": None, "bound": False, "baseline": False}
+
+
+def test_plan_passes_its_options_on(run: Run, asked: list[tuple[Mission, dict[str, Any]]]) -> None:
+    options = ("--seed", "9", "--trade", "thesis", "--optimizer", "differential-evolution", "--bound", "--baseline")
+    assert run("plan", "mission.yaml", "--out", "r", *options).code == 0
+    mission, passed = asked[0]
+    assert mission.seed == 9
+    assert passed == {
+        "trade": Trade.THESIS,
+        "optimizer": OptimizerName.DIFFERENTIAL_EVOLUTION,
+        "bound": True,
+        "baseline": True,
+    }
+
+
+@pytest.mark.usefixtures("asked")
+def test_json_is_the_file_and_nothing_else(run: Run) -> None:
+    ended = run("plan", "mission.yaml", "--out", "r", "--json", "--quiet")
+    assert ended.out == Path("r/result.json").read_text(encoding="utf-8")
+    assert ended.err == ""
+    assert run("plan", "mission.yaml", "--out", "q", "--quiet") == (0, "", "")
+
+
+def test_a_taken_directory_is_refused_before_planning(
+    run: Run, asked: list[tuple[Mission, dict[str, Any]]], tmp_path: Path
+) -> None:
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "notes.txt").write_text("mine")
+    ended = run("plan", "mission.yaml", "--out", "r")
+    assert ended.code == 2
+    assert "covey: r: is not empty" in ended.err
+    assert asked == []
+    assert run("plan", "mission.yaml", "--out", "r", "--force", "--quiet").code == 0
+    assert run("plan", "mission.yaml", "--out", "r", "--force", "--quiet").code == 0
+    assert (tmp_path / "r" / "notes.txt").read_text() == "mine"
+
+
+def test_what_was_found_is_shown_though_it_cannot_be_written(
+    run: Run, asked: list[tuple[Mission, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(deployment: Deployment) -> str:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(record, "agents_csv", full)
+    ended = run("plan", "mission.yaml", "--out", "r")
+    assert ended.code == 2
+    assert "Score" in ended.out
+    assert "covey: r: cannot be written: No space left on device" in ended.err
+    assert not Path("r").exists()
+
+
+def test_ctrl_c_keeps_what_is_known(run: Run, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> None:
+    early = replace(make_deployment(evidence=False), status=PlanStatus.INTERRUPTED)
+    monkeypatch.setitem(sys.modules, "covey.runtime.plan", SimpleNamespace(plan=lambda mission, **options: early))
+    ended = run("plan", "mission.yaml", "--out", "r")
+    assert ended.code == 130
+    assert "interrupted; what was known by then is in r" in ended.err
+    assert "none: interrupted" in ended.out
+    assert read_result("r").status is PlanStatus.INTERRUPTED
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(CoveyError("told\nonce\x1b[31m"), 2), (SolverError("told\nonce\x1b[31m"), 1)], ids=repr
+)
+def test_errors_are_one_message(error: CoveyError, code: int, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def plan(mission: Mission, **options: Any) -> Deployment:
+        raise error
+
+    monkeypatch.setitem(sys.modules, "covey.runtime.plan", SimpleNamespace(plan=plan))
+    assert run("plan", "mission.yaml", "--quiet") == (code, "", "covey: told\nonce?[31m\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["plan", "nothing.yaml"],
+        ["plan", "."],
+        ["plan", "bad.yaml"],
+        ["plan", "mission.yaml", "--seed", "-1"],
+        ["plan", "mission.yaml", "--trade", "barter"],
+        ["plan", "mission.yaml", "--out", "mission.yaml"],
+        ["plan", "mission.yaml", "--out", "mission.yaml/r"],
+        ["plan"],
+        ["certify", "nothing"],
+        ["certify", "."],
+        ["certify", "mission.yaml"],
+        ["validate", "bad.yaml"],
+        ["reproduce", "thesis-9"],
+        ["reproduce", "thesis-5.1", "--seeds", "0"],
+        ["heatmap", "--model", "lidar"],
+        ["heatmap", "--out", "x.txt"],
+        ["heatmap", "--optimal-distance-m", "-1"],
+        ["fly"],
+        ["--no-such-option"],
+    ],
+    ids=" ".join,
+)
+def test_bad_input_ends_with_code_2_and_a_message(arguments: Sequence[str], run: Run, tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(MISSION.replace("seed: 3", "seeed: x"))
+    ended = run(*arguments)
+    assert ended.code == 2
+    assert ended.err or (arguments[0] == "validate" and ended.out)
+    assert not Path("covey-out").exists()
+
+
+def test_mistakes_are_listed_one_a_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(MISSION.replace("seed: 3", "seed: x").replace("x_m: 1", "x_m: much"))
+    lines = run("plan", "bad.yaml").err.splitlines()
+    assert [line.startswith("bad.yaml:") for line in lines] == [True, True]
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_certify(holds: bool, run: Run, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> None:
+    deployment = make_deployment()
+    write_result(deployment, "r")
+    assert deployment.certificate is not None
+    certificate = Certificate(True, 0.01, 0.002, 0.0, ()) if holds else deployment.certificate
+    stand_in = SimpleNamespace(
+        certify=lambda source, on_progress: certificate, bound_team=lambda source, on_progress: TeamBound(50.0, 0.16)
+    )
+    monkeypatch.setitem(sys.modules, "covey.runtime.certify", stand_in)
+    ended = run("certify", "r", "--bound")
+    assert ended.code == (0 if holds else 1)
+    assert ("holds for sigma = 0.01" if holds else "VIOLATED") in ended.out
+    assert ("landmark 3 is better seen" in ended.out) is not holds
+    assert "no deployment of this team exceeds 50.00; gap 16.00 %" in ended.out
+    printed = run("certify", "r", "--json")
+    assert printed.code == (0 if holds else 1)
+    assert json.loads(printed.out)["certificate"]["holds"] is holds
+    assert json.loads(printed.out)["bound"] is None
+
+
+def test_heatmap(run: Run, tmp_path: Path) -> None:
+    assert run("heatmap") == (0, "heatmap-anisotropic.png\n", "")
+    assert (tmp_path / "heatmap-anisotropic.png").stat().st_size > 1000
+    assert run("heatmap").code == 2
+    assert run("heatmap", "--force").code == 0
+
+
+def test_help_version_and_schema(run: Run) -> None:
+    for command in ("plan", "certify", "validate", "schema", "reproduce", "heatmap"):
+        assert command in run("--help").out
+        assert run(command, "--help").code == 0
+    assert run("--version").out.startswith("covey 0.")
+    assert json.loads(run("schema").out)["type"] == "object"
+
+
+# ------------------------------------------------------------------------------------------------------ as a process
+
+
+def covey(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "covey", *arguments], capture_output=True, text=True, **options)
+
+
+def test_a_broken_pipe_is_quiet() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        ended = subprocess.run(
+            [sys.executable, "-m", "covey", "schema"], stdout=pipe, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert ended.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_output_that_cannot_be_stored_is_an_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "covey", "--version"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert ended.returncode == 2
+    assert "No space left on device" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_module_and_exit_code() -> None:
+    assert covey("--version", check=False).stdout.startswith("covey 0.")
+    assert covey("certify", "nothing", check=False).returncode == 2
+
+
+# ---------------------------------------------------------------------------------------------------- in the terminal
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"agents": 40, "side": 60}, {"spacing": None}, {"agents": 1, "side": 1}], ids=str
+)
+@pytest.mark.parametrize("colour", [False, True])
+def test_summary(
+    options: dict[str, Any], colour: bool, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("COLORTERM", "truecolor")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "70")
+    deployment = make_deployment(**options)
+    stream: io.StringIO = Terminal() if colour else io.StringIO()
+    print_summary(deployment, None, stream=stream)
+    text = stream.getvalue()
+    assert ("\x1b[" in text) is colour
+    assert f"{deployment.score.final:.2f} (end)" in text
+    if options.get("side") != 1:
+        assert ("▀" in text) is colour
+
+
+def test_summary_in_ascii(make_deployment: MakeDeployment) -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="ascii", errors="strict")
+    print_summary(make_deployment(names=("north", "b", "c", "d\x1b[2J")), None, stream=stream)
+    stream.flush()
+    text = raw.getvalue().decode("ascii")
+    assert "->" in text
+    assert "\x1b" not in text
+
+
+def test_progress_on_a_terminal_and_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    for stream in (io.StringIO(), Terminal()):
+        with ProgressLine(stream=stream) as line:
+            for step in range(100):
+                line(Progress("trading", float(step), step, 2 * step, step / 100))
+            line(Progress("proof", 99.0))
+        assert "proof: score 99.00" in stream.getvalue()
+        if not stream.isatty():
+            assert stream.getvalue().count("trading") == 1
+    quiet = io.StringIO()
+    with ProgressLine(quiet=True, stream=quiet) as line:
+        line(Progress("trading", 1.0))
+    assert quiet.getvalue() == ""
