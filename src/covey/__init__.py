@@ -23,6 +23,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from covey.coverage import TeamBound
     from covey.coverage.certificate import Certificate, Violation
     from covey.environment import GeoReference, Landmarks
     from covey.errors import (
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from covey.geometry import Pose2, Region
     from covey.mission import Mission, load_mission, mission_schema, parse_mission
     from covey.optimize.base import PoseProblem, PoseResult
-    from covey.coverage import TeamBound
     from covey.runtime.certify import certify
     from covey.runtime.plan import plan
     from covey.runtime.record import read_result

@@ -1,7 +1,7 @@
 """How covey compiles its numerical kernels, and where the machine code is kept.
 
-Numba's own cache looks only at the file of the function itself: when a function that it calls changes in another file, the
-old machine code goes on being used.  A proof must not rest on that, so the cache of covey's kernels is kept in a
+Numba's own cache looks only at the file of the function itself: when a function that it calls changes in another file,
+the old machine code goes on being used.  A proof must not rest on that, so the cache of covey's kernels is kept in a
 folder named by a digest of all their sources.
 """
 
@@ -42,7 +42,7 @@ def cache_directory() -> str:
     if sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or tempfile.gettempdir())
     else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     for parent in (base, Path(tempfile.gettempdir())):
         folder = parent / "covey" / name
         try:

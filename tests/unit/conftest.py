@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from covey.coverage import TeamBound
 from covey.coverage.certificate import Certificate, Violation
 from covey.environment import GeoReference, Landmarks
 from covey.geometry import Pose2, Region
 from covey.mission import AgentSpec, Assignment, CoverageSpec, Mission, OptimizerName, SensorSpec, Trade
-from covey.coverage import TeamBound
 from covey.runtime.result import AgentResult, Baseline, Deployment, HistoryEntry, PlanStatus, Scores, Snapshot
 
 MakeDeployment = Callable[..., Deployment]

@@ -38,8 +38,8 @@ def certify(
     from covey.runtime.certify import certify as check
 
     with ProgressLine() as progress:
-        certificate = check(deployment, on_progress=progress)
         team_bound = bound_team(deployment, on_progress=progress) if bound else None
+        certificate = check(deployment, on_progress=progress)
     if json:
         document = {
             "certificate": certificate_document(certificate),

@@ -81,7 +81,8 @@ class ProgressLine:
 
 
 def _line(progress: Progress) -> str:
-    parts = [f"{progress.stage}: score {progress.score:.2f}"]
+    what = "at most" if progress.stage == "bounding" else "score"
+    parts = [f"{progress.stage}: {what} {progress.score:.2f}"]
     if progress.trades:
         parts.append(f"{progress.trades} trade{'s' * (progress.trades != 1)}")
     if progress.messages:

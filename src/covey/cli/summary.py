@@ -14,8 +14,8 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from covey.coverage.certificate import Certificate
 from covey.coverage import TeamBound
+from covey.coverage.certificate import Certificate
 from covey.runtime.lattice import find_lattice
 from covey.runtime.palette import colours
 from covey.runtime.record import FILES
@@ -126,10 +126,8 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
 
 def _baseline_line(baseline: Baseline, final: float) -> str:
     better = final - baseline.greedy_lloyd
-    return (
-        f"greedy {baseline.greedy:.2f}, then Lloyd {baseline.greedy_lloyd:.2f}; "
-        f"this is {abs(better):.2f} {'better' if better >= 0.0 else 'worse'}"
-    )
+    verdict = f"{abs(better):.2f} {'better' if better >= 0.0 else 'worse'}" if abs(better) >= 0.005 else "as good"
+    return f"greedy {baseline.greedy:.2f}, then Lloyd {baseline.greedy_lloyd:.2f}; this is {verdict}"
 
 
 def _agents(deployment: Deployment, *, plain: bool) -> RenderableType:

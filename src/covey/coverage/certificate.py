@@ -19,9 +19,9 @@ class Violation:
     Parameters
     ----------
     kind : str
-        ``incomplete`` (a landmark without owner), ``overlap`` (with several), ``region`` (a pose outside its region), ``pose``
-        (a better pose exists), ``unproved`` (the proof of a pose ran out of budget), ``trade`` (another agent sees a
-        landmark better), ``score`` (a score that is stated is not what the poses give).
+        ``incomplete`` (a landmark without owner), ``overlap`` (with several), ``region`` (a pose outside its region),
+        ``pose`` (a better pose exists), ``unproved`` (the proof of a pose ran out of budget), ``trade`` (another agent
+        sees a landmark better), ``score`` (a score that is stated is not what the poses give).
     agents : tuple of str
         Who is concerned.
     landmark : int or None

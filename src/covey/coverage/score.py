@@ -22,9 +22,7 @@ def team_visibility(
     -----
     Source: Sposato (2016), eq. (4.3).
     """
-    rows = [
-        model.visibility(pose.as_array()[None, :], landmarks)[0] for model, pose in zip(models, poses, strict=True)
-    ]
+    rows = [model.visibility(pose.as_array()[None, :], landmarks)[0] for model, pose in zip(models, poses, strict=True)]
     return np.array(rows).reshape(len(rows), len(landmarks))
 
 
@@ -55,7 +53,7 @@ def agent_scores(
     array([0.5 , 0.25])
     """
     m = len(visibility)
-    if len(owner) and not (0 <= owner.min() and owner.max() < m):
+    if len(owner) and (owner.min() < 0 or owner.max() >= m):
         raise ArgumentError(f"owner: expected indices from 0 to {m - 1}, got {owner.min()} to {owner.max()}")
     own = visibility[owner, np.arange(len(owner))]
-    return np.bincount(owner, weights=own * weights, minlength=m)
+    return np.bincount(owner, weights=own * weights, minlength=m).astype(np.float64)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import shapely
 
 INSET = 1e-9
-"""How far inside its edges a region's working polygon lies, metres times its size: rounding never puts a pose outside."""
+"""How far inside its edges a region's working polygon lies, times its size: rounding never puts a pose outside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,8 @@ class Region:
                 raise ArgumentError("polygon: expected finite coordinates, got NaN or infinity")
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
-            raise ArgumentError(f"polygon: expected one simple outline with holes inside it, got {explain_validity(polygon)}")
+            found = explain_validity(polygon)
+            raise ArgumentError(f"polygon: expected one simple outline with holes inside it, got {found}")
         if polygon.area <= 0.0:
             raise ArgumentError("polygon: expected an area above zero, got an empty region")
         polygon = shapely.remove_repeated_points(shapely.geometry.polygon.orient(polygon))
@@ -88,15 +89,19 @@ class Region:
     @classmethod
     def polygon(cls, exterior: Sequence[Sequence[float]], holes: Sequence[Sequence[Sequence[float]]] = ()) -> Region:
         """Build a polygon from its corners and those of its holes, metres."""
-        return cls(
-            np.asarray(exterior, dtype=np.float64), tuple(np.asarray(hole, dtype=np.float64) for hole in holes)
-        )
+        return cls(np.asarray(exterior, dtype=np.float64), tuple(np.asarray(hole, dtype=np.float64) for hole in holes))
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """(x_min, x_max, y_min, y_max), metres."""
         (x0, y0), (x1, y1) = self.exterior.min(axis=0), self.exterior.max(axis=0)
         return float(x0), float(x1), float(y0), float(y1)
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the region is a box along the axes."""
+        sides = self.edges[:, 2:] - self.edges[:, :2]
+        return len(sides) == 4 and bool((sides == 0.0).any(axis=1).all())
 
     @property
     def shape(self) -> shapely.Polygon:

@@ -101,4 +101,5 @@ class Pose2:
     def transform(self, points_B: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map points, shape (n, 2), from B into W."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return points_B @ np.array([[c, s], [-s, c]]) + self.position_W
+        points_W: NDArray[np.float64] = points_B @ np.array([[c, s], [-s, c]]) + self.position_W
+        return points_W

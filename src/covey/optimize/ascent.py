@@ -1,12 +1,13 @@
 """Local ascent of one or several agents at once, compiled.
 
-The objective of m agents that share their landmarks freely is ``sum_k w_k max(0, max_i vis_i(A_i, s_k) - lambda_k)``; with
-one agent it is the pose problem, with two the joint problem of a pairwise trade.  It is smooth but for kinks (a landmark
-that changes hands, one at exactly the optimal distance), and its best poses often lie on such kinks.  BFGS with a
-weak Wolfe line search is the method of choice there (Lewis and Overton, *Nonsmooth optimization via quasi-Newton methods*,
-Mathematical Programming 141, 2013).
+The objective of m agents that share their landmarks freely is ``sum_k w_k max(0, max_i vis_i(A_i, s_k) - lambda_k)``;
+with one agent it is the pose problem, with two the joint problem of a pairwise trade.  It is smooth but for kinks (a
+landmark that changes hands, one at exactly the optimal distance), and its best poses often lie on such kinks.  BFGS
+with a weak Wolfe line search is the method of choice there (Lewis and Overton, *Nonsmooth optimization via quasi-Newton
+methods*, Mathematical Programming 141, 2013).
 
-The region enters exactly: the ascent maximises ``f(proj(p)) - |p - proj(p)|``, whose maximisers are those of f in the region.
+The region enters exactly: the ascent maximises ``f(proj(p)) - |p - proj(p)|``, whose maximisers are those of f in the
+region.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ from numpy.typing import NDArray
 
 from covey.compiled import fast_kernel, kernel
 from covey.geometry import polygon
-from covey.sensing.kernels import ISOTROPIC, ORIENTED, visibility_gradients
+from covey.sensing.kernels import ISOTROPIC, ORIENTED, gain_gradient, visibility_gradients
+
+SHAKES = 4
+SHAKE = 0.01
+"""How often and how far the best poses are shaken at the end, in optimal distances and radians."""
 
 contains_point = kernel(polygon.contains_point)
 nearest_on_edges = kernel(polygon.nearest_on_edges)
@@ -48,7 +53,7 @@ def _share(
         gx = gy = gt = 0.0
         for k in range(n):
             gain = seen[i, 0, k] - landmarks[5, k]
-            w = landmarks[4, k] if gain > 0.0 and (m == 1 or owners[k] == i) else 0.0
+            w = landmarks[4, k] if gain > 0.0 and owners[k] == i else 0.0
             total += w * gain
             gx -= w * seen[i, 1, k]
             gy -= w * seen[i, 2, k]
@@ -105,10 +110,16 @@ def objective(
         poses[i, 2] = x[3 * i + 2]
         poses[i, 3] = math.cos(x[3 * i + 2])
         poses[i, 4] = math.sin(x[3 * i + 2])
-        visibility_gradients(
-            kinds[i], landmarks, 1.0 / scales[i], poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], seen[i]
+        if m > 1:
+            visibility_gradients(
+                kinds[i], landmarks, 1.0 / scales[i], poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], seen[i]
+            )
+    if m == 1:
+        total = gain_gradient(
+            kinds[0], landmarks, 1.0 / scales[0], poses[0, 0], poses[0, 1], poses[0, 3], poses[0, 4], gradient
         )
-    total = _share(landmarks, seen, owners, gradient)
+    else:
+        total = _share(landmarks, seen, owners, gradient)
     if penalty > 0.0:
         for i in range(m):
             px = x[3 * i] * scales[i]
@@ -269,7 +280,7 @@ def climb_all(
     polish: int,
     precision: float,
 ) -> tuple[float, NDArray[np.float64], int]:
-    """Climb from every start, shape (s, m, 3), with a small budget, then from the `keep` best with `polish`: as `ascend`.
+    """Climb from every start, shape (s, m, 3), on a small budget, then from the `keep` best with `polish`: as `ascend`.
 
     `starts` is overwritten.
     """
@@ -300,6 +311,17 @@ def climb_all(
         for i in range(count):
             if values[i] >= near:
                 values[i] = -math.inf
+        if value > best:
+            best, result = value, found
+    # an ascent may end on a ridge of kinks a little below the summit; it finds the rest from a hair's breadth beside
+    beside = np.empty_like(result)
+    for attempt in range(SHAKES):
+        for a in range(beside.shape[0]):
+            for j in range(3):
+                shake = SHAKE * math.cos(2.4 * (attempt + 1) * (3 * a + j + 1))
+                beside[a, j] = result[a, j] + (shake * scales[a] if j < 2 else shake)
+        value, found, evaluations = ascend(kinds, scales, landmarks, edges, offsets, beside, polish, precision)
+        total += evaluations
         if value > best:
             best, result = value, found
     return best, result, total

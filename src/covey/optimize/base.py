@@ -98,14 +98,12 @@ class PoseResult:
 
 
 class PoseOptimizer(Protocol):
-    """Something that solves pose problems: `search`, `exact`, `differential-evolution`.
+    """Something that solves pose problems: `search`, `exact`, `differential-evolution`."""
 
-    Attributes
-    ----------
-    name : str
-    """
-
-    name: str
+    @property
+    def name(self) -> str:
+        """How missions call it."""
+        ...
 
     def maximize(
         self,

@@ -76,7 +76,6 @@ def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: i
     x0, x1, y0, y1 = region.bounds
     thresholds = np.zeros(len(landmarks)) if problem.thresholds is None else problem.thresholds
     per_metre, per_radian = model.lipschitz
-    turning = per_radian > 0.0
     best, pose = known.score, known.pose
     root = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0, 0.5 * (x1 - x0), 0.5 * (y1 - y0), math.pi)
     everything = float(np.maximum(0.0, model.maximum - thresholds) @ landmarks.weights)
@@ -84,10 +83,8 @@ def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: i
     closed, evaluations = -math.inf, known.evaluations
     rounding = 1e-13 * len(landmarks) * (1.0 + everything)
     while heap and -heap[0][0] > best + tolerance and evaluations < limit / 10:
-        parents = np.array([heapq.heappop(heap) [1] for _ in range(min(BATCH, len(heap)))])
-        reach = np.column_stack(
-            [parents[:, 3] * per_metre, parents[:, 4] * per_metre, parents[:, 5] * per_radian if turning else 0 * parents[:, 5]]
-        )
+        parents = np.array([heapq.heappop(heap)[1] for _ in range(min(BATCH, len(heap)))])
+        reach = parents[:, 3:] * np.array([per_metre, per_metre, per_radian])
         rows, axis = np.arange(len(parents)), reach.argmax(axis=1)
         boxes = np.concatenate([parents, parents])
         half = parents[rows, 3 + axis] / 2.0

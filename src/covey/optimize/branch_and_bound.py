@@ -1,10 +1,10 @@
 """`exact`: the best pose with a proof, by branch and bound over boxes of positions and headings.
 
-The bound of a box comes from `sensing.kernels.linear_bounds`: each landmark's part is at most the positive part of a function
-that is linear in the offset from the box's centre and linear in the heading vector.  A sum of positive parts of linear
-functions is convex, so over the box it is largest at one of its four corners, and over the headings at one of the three
-corners of a triangle around their arc.  Twelve plain sums bound a box, and the overestimate falls with the square of
-its size, so the number of boxes grows with the logarithm of the tolerance only.
+The bound of a box comes from `sensing.kernels.linear_bounds`: each landmark's part is at most the positive part of a
+function that is linear in the offset from the box's centre and linear in the heading vector.  A sum of positive parts
+of linear functions is convex, so over the box it is largest at one of its four corners, and over the headings at one of
+the three corners of a triangle around their arc.  Twelve plain sums bound a box, and the overestimate falls with the
+square of its size, so the number of boxes grows with the logarithm of the tolerance only.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _branch(
     closed: float,
     polish: int,
 ) -> tuple[int, float, int]:
-    """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of a closed box, bounds computed).
+    """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of a closed one, bounds).
 
     Parameters
     ----------
@@ -177,9 +177,9 @@ class Exact:
 
     Notes
     -----
-    Boxes grow with the logarithm of 1/tolerance and little with the number n of landmarks; each costs O(n).  A model that is
-    not built in is bounded by its Lipschitz constants (`covey.optimize.blackbox`), where boxes grow with a power of
-    1/tolerance.  Source: Sposato (2016), section 4.7, whose proof needs such a solver.  Deviation: V1, V4.
+    Boxes grow with the logarithm of 1/tolerance and little with the number n of landmarks; each costs O(n).  A model
+    that is not built in is bounded by its Lipschitz constants (`covey.optimize.blackbox`), where boxes grow with a
+    power of 1/tolerance.  Source: Sposato (2016), section 4.7, whose proof needs such a solver.  Deviation: V1, V4.
 
     Examples
     --------
@@ -223,7 +223,8 @@ class Exact:
         for sector in range(sectors):
             width = math.pi / sectors
             psi = -math.pi + (2 * sector + 1) * width
-            stack[sector] = (0.5 * (x0 + x1), 0.5 * (y0 + y1), psi, 0.5 * (x1 - x0), 0.5 * (y1 - y0), width, everything, 0.0)
+            middle, half = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0), 0.5 * (y1 - y0))
+            stack[sector] = (*middle, psi, *half, width, everything, 0.0)
         top, closed, evaluations = sectors, -math.inf, known.evaluations
         budget = self.limit
         while top > 0 and budget > 0 and top < STACK - 2:

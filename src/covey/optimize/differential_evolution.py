@@ -16,7 +16,7 @@ from covey.optimize.search import into_region
 
 @dataclass(frozen=True)
 class DifferentialEvolution:
-    """Differential evolution over the bounding box of the region, every trial moved into the region first.
+    """Differential evolution over the region's bounding box; trials outside a region that is no box are moved into it.
 
     Parameters
     ----------
@@ -43,18 +43,24 @@ class DifferentialEvolution:
         from scipy.optimize import differential_evolution
 
         region = problem.region
-        x0, x1, y0, y1 = region.bounds
+        box = region.is_box
+        low = np.array([*region.inset_edges[:, :2].min(axis=0), -math.pi])
+        high = np.array([*region.inset_edges[:, :2].max(axis=0), math.pi])
+        # a start on the very edge would be refused, if only for its rounding
+        margin = 1e-9 * (high - low)
+        first = None if start is None else np.clip(start.as_array(), low + margin, high - margin)
 
         def cost(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-            return -blackbox.values(problem, into_region(np.array(columns.T, ndmin=2), region))
+            poses = np.array(columns.T, ndmin=2)
+            return -blackbox.values(problem, poses if box else into_region(poses, region))
 
         result = differential_evolution(
             cost,
-            [(x0, x1), (y0, y1), (-math.pi, math.pi)],
+            list(zip(low, high, strict=True)),
             tol=self.spread,
             vectorized=True,
             updating="deferred",
-            x0=None if start is None else start.as_array(),
+            x0=first,
             rng=rng,
         )
         pose = Pose2.from_array(into_region(np.array(result.x, ndmin=2), region)[0])

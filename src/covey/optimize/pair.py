@@ -1,9 +1,10 @@
 """Two agents that meet: the best two poses and the best split of the landmarks they own together.
 
 With poses fixed the best split gives each landmark to the agent that sees it better, so the joint problem is
-``max over A_1, A_2 of sum_k w_k max(vis_1(A_1, s_k), vis_2(A_2, s_k))`` over the union.  Trading first and moving afterwards, as the
-thesis does, stops at configurations that this improves (pairwise-optimal partitions: Durham, Carli, Frasca, Bullo,
-*Discrete partitioning and coverage control for gossiping robots*, IEEE Transactions on Robotics 28, 2012).
+``max over A_1, A_2 of sum_k w_k max(vis_1(A_1, s_k), vis_2(A_2, s_k))`` over the union.  Trading first and moving
+afterwards, as the thesis does, stops at configurations that this improves (pairwise-optimal partitions: Durham, Carli,
+Frasca, Bullo, *Discrete partitioning and coverage control for gossiping robots*, IEEE Transactions on Robotics 28,
+2012).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.compiled import fast_kernel
+from covey.compiled import fast_kernel, kernel
 from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
 from covey.optimize import blackbox
@@ -24,6 +25,11 @@ from covey.optimize.packing import landmark_columns
 from covey.optimize.search import POLISH, candidate_poses, spread
 from covey.sensing.base import CompiledModel, VisibilityModel
 from covey.sensing.kernels import visibility_gradients
+
+
+MANY = 200
+LEAST_STARTS = 12
+"""Above this many landmarks fewer pairs are climbed from, in proportion, but at least so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +67,7 @@ class PairProblem:
 def _pair_values(
     first: NDArray[np.float32], second: NDArray[np.float32], values: NDArray[np.float32], same: bool
 ) -> None:
-    """Joint score of every pair of candidates from their weighted visibilities, shapes (a, n) and (b, n): shape (a, b)."""
+    """Joint score of every pair of candidates, shape (a, b), from their weighted visibilities, (a, n) and (b, n)."""
     for i in range(first.shape[0]):
         for j in range(i if same else 0, second.shape[0]):
             total = np.float32(0.0)
@@ -106,10 +112,10 @@ class PairSearch:
     O(candidates^2 n + evaluations n).
     """
 
-    anchors: int = 32
-    candidates: int = 64
+    anchors: int = 64
+    candidates: int = 128
     starts: int = 40
-    keep: int = 10
+    keep: int = 8
 
     def maximize(self, problem: PairProblem, *, rng: np.random.Generator) -> tuple[tuple[Pose2, Pose2], float]:
         """Return two poses and their joint score, which is never below that of the present poses."""
@@ -122,14 +128,13 @@ class PairSearch:
         columns = landmark_columns(problem.landmarks)
         pools = [self._pool(models[0], problem.regions[0], problem.landmarks, columns, rng)]
         same = models[0] == models[1] and problem.regions[0] is problem.regions[1]
-        pools.append(
-            pools[0] if same else self._pool(models[1], problem.regions[1], problem.landmarks, columns, rng)
-        )
+        pools.append(pools[0] if same else self._pool(models[1], problem.regions[1], problem.landmarks, columns, rng))
         (first, first_rows), (second, second_rows) = pools
         values = np.full((len(first), len(second)), -np.inf, dtype=np.float32)
         _pair_values(first_rows, second_rows, values, same)
         unit = min(models[0].optimal_distance, models[1].optimal_distance)
-        pairs = _spread_pairs(first, second, values, unit, self.starts - 1)
+        count = max(LEAST_STARTS, min(self.starts, self.starts * MANY // len(problem.landmarks)))
+        pairs = _spread_pairs(first, second, values, unit, count - 1)
         starts = np.empty((len(pairs) + 1, 2, 3))
         starts[0, 0], starts[0, 1] = problem.poses[0].as_array(), problem.poses[1].as_array()
         for row, (i, j) in enumerate(pairs, start=1):
@@ -143,7 +148,7 @@ class PairSearch:
             np.array([0, len(edges[0]), len(edges[0]) + len(edges[1])]),
             starts,
             60,
-            self.keep,
+            max(1, self.keep * count // self.starts),
             POLISH,
             1e-7,
         )
@@ -166,9 +171,7 @@ class PairSearch:
         pose_values(int(model.kernel), columns, 1.0 / unit, poses, values)
         chosen = poses[spread(poses, values, unit, self.candidates)]
         rows = np.empty((len(chosen), len(landmarks)), dtype=np.float32)
-        _visibility_rows(
-            int(model.kernel), columns, 1.0 / unit, chosen, np.empty((4, len(landmarks))), rows
-        )
+        _visibility_rows(int(model.kernel), columns, 1.0 / unit, chosen, np.empty((4, len(landmarks))), rows)
         return chosen, rows
 
 
@@ -178,33 +181,47 @@ def _spread_pairs(
     values: NDArray[np.float32],
     unit: float,
     count: int,
-) -> list[tuple[int, int]]:
-    """Return the best pairs, each of which differs from every better one in at least one of its poses."""
+) -> NDArray[np.int64]:
+    """Return the best pairs, shape (c, 2), each of which differs from every better one."""
     flat = values.ravel()
     pool = min(len(flat), 30 * count)
     order = np.argpartition(-flat, pool - 1)[:pool]
     order = order[np.argsort(-flat[order], kind="stable")]
-    chosen: list[tuple[int, int]] = []
+    order = order[np.isfinite(flat[order])]
+    chosen = np.empty((count, 2), dtype=np.int64)
+    return chosen[: _choose_pairs(first, second, order, unit, chosen)]
+
+
+@kernel
+def _choose_pairs(
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    order: NDArray[np.int64],
+    unit: float,
+    chosen: NDArray[np.int64],
+) -> int:
+    found = 0
     for index in order:
-        i, j = divmod(int(index), len(second))
-        if not math.isfinite(flat[index]):
-            break
-        near = any(
-            math.hypot(first[i, 0] - first[a, 0], first[i, 1] - first[a, 1])
-            + math.hypot(second[j, 0] - second[b, 0], second[j, 1] - second[b, 1])
-            < unit
-            for a, b in chosen
-        )
-        if not near:
-            chosen.append((i, j))
-            if len(chosen) == count:
+        i = index // second.shape[0]
+        j = index % second.shape[0]
+        near = False
+        for c in range(found):
+            a, b = chosen[c, 0], chosen[c, 1]
+            away = math.hypot(first[i, 0] - first[a, 0], first[i, 1] - first[a, 1])
+            away += math.hypot(second[j, 0] - second[b, 0], second[j, 1] - second[b, 1])
+            if away < unit:
+                near = True
                 break
-    return chosen
+        if not near:
+            chosen[found, 0] = i
+            chosen[found, 1] = j
+            found += 1
+            if found == chosen.shape[0]:
+                break
+    return found
 
 
-def _alternate(
-    problem: PairProblem, present: float, *, rng: np.random.Generator
-) -> tuple[tuple[Pose2, Pose2], float]:
+def _alternate(problem: PairProblem, present: float, *, rng: np.random.Generator) -> tuple[tuple[Pose2, Pose2], float]:
     """Each agent in turn plays its best response to the other, for models without compiled gradients."""
     best, best_score = problem.poses, present
     for leader in (0, 1):

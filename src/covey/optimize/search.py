@@ -8,21 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.compiled import kernel
 from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
 from covey.optimize import blackbox
-from covey.optimize.ascent import climb_all, nearest_on_edges, pose_values
+from covey.optimize.ascent import climb_all, contains_point, nearest_on_edges, pose_values
 from covey.optimize.base import PoseProblem, PoseResult
 from covey.optimize.packing import landmark_columns
 from covey.sensing.base import CompiledModel
 
-CLIMB = 30
+CLIMB = 22
 POLISH = 500
 """Evaluations for a first climb from a start, and for the last one from the best of them."""
 
 HEADINGS = 8
-OFFSET = 0.8
-"""How far behind a landmark a candidate stands that looks at it, optimal distances."""
+APART = 0.5
+OFFSETS = (0.3, 1.2)
+"""How far from a landmark a candidate stands that looks at it, optimal distances."""
 
 
 def candidate_poses(
@@ -43,37 +45,52 @@ def candidate_poses(
     psi = turn * np.arange(HEADINGS)[None, :] + rng.uniform(0.0, turn, (len(chosen), 1))
     points = landmarks.positions_W[chosen]
     poses = np.empty((len(chosen), HEADINGS, 3))
-    poses[:, :, 0] = points[:, 0:1] - OFFSET * unit * np.cos(psi)
-    poses[:, :, 1] = points[:, 1:2] - OFFSET * unit * np.sin(psi)
+    offset = unit * rng.uniform(*OFFSETS, psi.shape)
+    poses[:, :, 0] = points[:, 0:1] - offset * np.cos(psi)
+    poses[:, :, 1] = points[:, 1:2] - offset * np.sin(psi)
     poses[:, :, 2] = psi
     return into_region(poses.reshape(-1, 3), region)
 
 
 def into_region(poses: NDArray[np.float64], region: Region) -> NDArray[np.float64]:
     """Move the poses, shape (s, 3), that lie outside the region to its nearest points, in place."""
-    inside = region.contains_points(poses[:, :2])
-    for i in np.flatnonzero(~inside):
-        poses[i, 0], poses[i, 1], _, _ = nearest_on_edges(region.inset_edges, poses[i, 0], poses[i, 1])
+    _into_region(poses, region.inset_edges)
     return poses
+
+
+@kernel
+def _into_region(poses: NDArray[np.float64], edges: NDArray[np.float64]) -> None:
+    for i in range(poses.shape[0]):
+        if not contains_point(edges, poses[i, 0], poses[i, 1]):
+            poses[i, 0], poses[i, 1], _, _ = nearest_on_edges(edges, poses[i, 0], poses[i, 1])
 
 
 def spread(poses: NDArray[np.float64], values: NDArray[np.float64], unit: float, count: int) -> NDArray[np.int64]:
     """Indices of the best poses that are not near a better one: at most `count`."""
-    chosen: list[int] = []
     order = np.argsort(-values, kind="stable")[: 20 * count]
-    kept = np.empty((count, 3))
+    chosen = np.empty(count, dtype=np.int64)
+    return chosen[: _spread(poses, order, 1.0 / unit, chosen)]
+
+
+@kernel
+def _spread(poses: NDArray[np.float64], order: NDArray[np.int64], inverse: float, chosen: NDArray[np.int64]) -> int:
+    found = 0
     for i in order:
-        k = len(chosen)
-        if k:
-            away = np.hypot(kept[:k, 0] - poses[i, 0], kept[:k, 1] - poses[i, 1]) / unit
-            turned = np.abs(np.remainder(kept[:k, 2] - poses[i, 2] + math.pi, 2 * math.pi) - math.pi)
-            if (away + 0.5 * turned < 0.5).any():
-                continue
-        kept[k] = poses[i]
-        chosen.append(int(i))
-        if len(chosen) == count:
-            break
-    return np.array(chosen, dtype=np.int64)
+        near = False
+        for c in range(found):
+            j = chosen[c]
+            turn = abs(poses[i, 2] - poses[j, 2]) % (2.0 * math.pi)
+            turn = min(turn, 2.0 * math.pi - turn)
+            away = math.hypot(poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]) * inverse
+            if away + 0.5 * turn < APART:
+                near = True
+                break
+        if not near:
+            chosen[found] = i
+            found += 1
+            if found == chosen.shape[0]:
+                break
+    return found
 
 
 @dataclass(frozen=True)
@@ -95,9 +112,9 @@ class Search:
     Deviation: V1, V4.
     """
 
-    anchors: int = 64
-    starts: int = 24
-    keep: int = 5
+    anchors: int = 100
+    starts: int = 48
+    keep: int = 6
     name: str = "search"
 
     def maximize(

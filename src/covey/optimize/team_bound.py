@@ -4,13 +4,14 @@ Each landmark has one owner.  With a price mu_k >= 0 a landmark,
 
     score <= sum_k w_k mu_k + sum_i max over A in SE(2)_Omega_i of sum_k w_k max(0, vis_i(A, s_k) - mu_k)
 
-whatever the prices are, because the owner i of landmark k adds ``w_k vis_i = w_k mu_k + w_k (vis_i - mu_k)`` at most.  The
-inner maximum is a pose problem with thresholds mu, which `exact` bounds over all poses, not over a grid.  Good prices
-minimise the right side over a growing pool of poses, smoothed so that a quasi-Newton method works on it.
+whatever the prices are, because the owner i of landmark k adds ``w_k vis_i = w_k mu_k + w_k (vis_i - mu_k)`` at most.
+The inner maximum is a pose problem with thresholds mu, which `exact` bounds over all poses, not over a grid.  Good
+prices minimise the right side over a growing pool of poses, smoothed so that a quasi-Newton method works on it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -64,7 +65,7 @@ def _smoothed_maximum(
     values: NDArray[np.float64],
     gradient: NDArray[np.float64],
 ) -> float:
-    """Return ``T log sum_A exp(f_A / T)`` with f_A the inner objective of pool pose A, and fill its negative gradient."""
+    """Return ``T log sum_A exp(f_A / T)``, f_A the inner objective of pool pose A, and fill its negative gradient."""
     top = 0.0
     for i in range(visibility.shape[0]):
         total = 0.0
@@ -83,7 +84,15 @@ def _smoothed_maximum(
         if share > 1e-9:
             for k in range(visibility.shape[1]):
                 gradient[k] += share * weights[k] if visibility[i, k] > prices[k] else 0.0
-    return top + temperature * np.log(norm)
+    return top + temperature * math.log(norm)
+
+
+def require_built_in(models: Sequence[VisibilityModel]) -> list[CompiledModel]:
+    """Return the models if each is a built-in one, and raise SolverError otherwise."""
+    compiled = [model for model in models if isinstance(model, CompiledModel)]
+    if len(compiled) < len(models):
+        raise SolverError("team bound: only the built-in sensor models can be bounded; leave out --bound")
+    return compiled
 
 
 def team_bound(
@@ -124,9 +133,7 @@ def team_bound(
     Each round costs some hundred sums over pool times landmarks; the proof at the end one `exact` for each kind of
     agent, with the many poses of nearly equal value that good prices leave.
     """
-    compiled = [model for model in models if isinstance(model, CompiledModel)]
-    if len(compiled) < len(models):
-        raise SolverError("team bound: only the built-in sensor models can be bounded; leave out --bound")
+    compiled = require_built_in(models)
     weights = landmarks.weights
     if not len(landmarks):
         return TeamBound(0.0, 0.0)
@@ -167,7 +174,6 @@ def _prove(
     problem = PoseProblem(group.model, landmarks, group.region, prices)
     start = Pose2.from_array(group.poses[_gains(group, landmarks.weights, prices).argmax()])
     proof = Exact(limit=PROOF_BOXES).maximize(problem, start=start, tolerance=tolerance, rng=rng)
-    print(proof)
     group.add(proof.pose.as_array()[None], landmarks)
     return proof.upper_bound
 

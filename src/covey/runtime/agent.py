@@ -1,4 +1,4 @@
-"""What the agents of a mission think with: sensors, regions, optimisers and the rule of trade behind the node's `Planner`."""
+"""What the agents of a mission think with: sensors, regions, optimisers and the rule of trade, a node's `Planner`."""
 
 from __future__ import annotations
 
@@ -110,9 +110,7 @@ class TeamPlanner:
         """Return a pose that is better by more than `LEAST_GAIN`, or None (Algorithm 3).  Deviation: V3."""
         self.optimizations += 1
         problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self.regions[agent])
-        result = self.optimizer.maximize(
-            problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent]
-        )
+        result = self.optimizer.maximize(problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent])
         return result.pose if result.score > problem.score(pose) + LEAST_GAIN * self.sigma else None
 
     def propose(self, server: AgentState, client: AgentState) -> Proposal | None:
@@ -175,12 +173,8 @@ class TeamPlanner:
         return bool(np.hypot(*np.maximum(0.0, gap)) > FAR * unit)
 
 
-def nearest_first(
-    agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator
-) -> Iterable[int]:
+def nearest_first(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:
     """Ask the partners whose poses are nearest first: they have most to trade."""
     own = poses.pose(agent)
-    away = [
-        np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) for other in candidates
-    ]
+    away = [np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) for other in candidates]
     return [candidates[i] for i in np.argsort(away, kind="stable")]

@@ -35,7 +35,7 @@ def prove_poses(
     seed: int,
     on_done: Callable[[int], None] | None = None,
 ) -> dict[int, PoseResult]:
-    """Prove the poses of some agents for their landmarks to half of sigma, on all cores; the answer does not depend on how many.
+    """Prove some agents' poses for their landmarks to half of sigma, on all cores, however many there are.
 
     Parameters
     ----------
@@ -95,9 +95,7 @@ def build_certificate(
     return Certificate(not violations, sigma, worst_gap, worst_gain, tuple(violations))
 
 
-def certify(
-    source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None
-) -> Certificate:
+def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None) -> Certificate:
     """Check a deployment from what it says alone: landmarks, sensors, regions, poses, and who owns what.
 
     Parameters
@@ -191,4 +189,5 @@ def bound_team(source: Deployment | str | Path, *, on_progress: ProgressCallback
 def _scores(deployment: Deployment, models: Sequence[VisibilityModel]) -> NDArray[np.float64]:
     visibility = team_visibility(models, deployment.poses, deployment.mission.landmarks)
     weights = deployment.mission.landmarks.weights
-    return np.array([row[a.landmarks] @ weights[a.landmarks] for row, a in zip(visibility, deployment.agents, strict=True)])
+    sets = [agent.landmarks for agent in deployment.agents]
+    return np.array([row[own] @ weights[own] for row, own in zip(visibility, sets, strict=True)])

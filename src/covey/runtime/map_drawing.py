@@ -61,6 +61,9 @@ MANY_CELLS = 2500
 MAP_BOX = (6.2, 5.6)
 """Largest size of the map, inches."""
 
+BADGE_TURNS = (0, 35, -35, 70, -70, 105, -105)
+"""Where an agent's number may be, in degrees from straight behind it; the first place with room is taken."""
+
 
 def draw_map(
     ax: Axes,
@@ -96,7 +99,7 @@ def draw_map(
         for index, agent in enumerate(mission.agents):
             if agent.region is not mission.region:
                 _draw_region(ax, agent.region, palette[index], dashed=True)
-        _draw_region(ax, mission.region, INK)
+        _draw_region(ax, mission.region, INK, cells=mission.landmarks.cell_size is not None)
         radius = 10.0 if len(poses) <= 8 else 8.0 if len(poses) <= 16 else 6.5 if len(poses) <= 32 else 5.0
         draw_poses(ax, poses, palette, numbers, radius=radius)
         if not numbered:
@@ -202,7 +205,7 @@ def _draw_dots(ax: Axes, landmarks: Landmarks, shades: NDArray[np.float64], many
     normals = landmarks.normals_W
     if normals is not None:
         tips = landmarks.positions_W + normals * diameter * 1.3 / frame.points_per_metre
-        ticks = LineCollection(list(np.stack([landmarks.positions_W, tips], axis=1)), colors=shades, linewidths=1.0)
+        ticks = LineCollection(list(np.stack([landmarks.positions_W, tips], axis=1)), colors=FAINT, linewidths=0.9)
         ticks.set_rasterized(many)
         ax.add_collection(ticks, autolim=False)
     edge = 0.0 if diameter < 4.0 else 0.4
@@ -243,12 +246,15 @@ def _number_partitions(
     Where the agent itself is that near, in points, its own number does.
     """
     size = 11.0 if len(numbers) <= 16 else 8.0
-    lift = 0.0 if landmarks.cell_size is not None else size / frame.points_per_metre
+    lift = 0.0 if landmarks.cell_size is not None else 1.3 * size / frame.points_per_metre
+    normals = landmarks.normals_W
+    up = np.tile([0.0, 1.0], (len(owner), 1)) if normals is None else -normals
     for index, (number, pose) in enumerate(zip(numbers, poses, strict=True)):
         own = landmarks.positions_W[owner == index]
         if not len(own):
             continue
-        middle = own[np.argmin(((own - own.mean(axis=0)) ** 2).sum(axis=1))] + [0.0, lift]
+        nearest = np.argmin(((own - own.mean(axis=0)) ** 2).sum(axis=1))
+        middle = own[nearest] + lift * up[owner == index][nearest]
         if np.linalg.norm(middle - pose.position_W) * frame.points_per_metre < near:
             continue
         halo, text = (_marks([_glyphs(number)], [size], middle[None, :], ax) for _ in range(2))
@@ -258,7 +264,7 @@ def _number_partitions(
         ax.add_collection(text, autolim=False)
 
 
-def _draw_region(ax: Axes, region: Region, colour: str, *, dashed: bool = False) -> None:
+def _draw_region(ax: Axes, region: Region, colour: str, *, dashed: bool = False, cells: bool = False) -> None:
     def closed(rings: Sequence[NDArray[np.float64]]) -> Outline:
         return Outline.make_compound_path(*(Outline(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
 
@@ -269,10 +275,10 @@ def _draw_region(ax: Axes, region: Region, colour: str, *, dashed: bool = False)
     width = 1.6 if dashed else 1.2
     ax.add_patch(PathPatch(outline, fill=False, edgecolor=colour, linewidth=width, linestyle=style, zorder=2.5))
     if region.holes and not dashed:
-        holes = PathPatch(
-            closed(region.holes), facecolor="none", edgecolor=FAINT, linewidth=0.0, hatch="////", zorder=2.4
-        )
-        ax.add_patch(holes)
+        # Over cells, which would hide it, and under dots, which it would hide.
+        order, shade = (2.4, FAINT) if cells else (0.4, "#C8C8C8")
+        holes = closed(region.holes)
+        ax.add_patch(PathPatch(holes, facecolor="none", edgecolor=shade, linewidth=0.0, hatch="////", zorder=order))
 
 
 def draw_poses(
@@ -301,8 +307,31 @@ def draw_poses(
     add(tips, 4.1, facecolors="black", linewidths=0.0)
     add(line, 4.1, facecolors="none", edgecolors="black", linewidths=thin + 0.4, capstyle="round")
     add(dot, 4.2, facecolors="black", linewidths=0.0)
-    away = -1.8 * radius * np.array([[math.cos(pose.yaw), math.sin(pose.yaw)] for pose in poses])
-    draw_badges(ax, positions, palette, numbers, size=max(5.5, 0.85 * radius), shift=away)
+    size = max(5.5, 0.85 * radius)
+    draw_badges(ax, positions, palette, numbers, size=size, shift=_badge_shifts(ax, poses, radius, size))
+
+
+def _badge_shifts(ax: Axes, poses: Sequence[Pose2], radius: float, size: float) -> NDArray[np.float64]:
+    """Place each number behind its camera, or where it hides neither another camera nor another number: (m, 2), points."""
+    centres = ax.transData.transform([pose.position_W for pose in poses]) * 72.0 / ax.figure.dpi
+    shifts = np.zeros((len(poses), 2))
+    for index, pose in enumerate(poses):
+        others = np.delete(centres, index, axis=0)
+        placed = centres[:index] + shifts[:index]
+        best = -math.inf
+        for turn in BADGE_TURNS:
+            angle = pose.yaw + math.pi + math.radians(turn)
+            shift = 1.8 * radius * np.array([math.cos(angle), math.sin(angle)])
+            place = centres[index] + shift
+            room = min(
+                float(np.linalg.norm(others - place, axis=1).min(initial=math.inf)) - radius - size,
+                float(np.linalg.norm(placed - place, axis=1).min(initial=math.inf)) - 2.0 * size,
+            )
+            if room > best + 0.5:
+                best, shifts[index] = room, shift
+            if best >= 0.0:
+                break
+    return shifts
 
 
 def draw_badges(

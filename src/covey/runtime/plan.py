@@ -7,11 +7,14 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING
 
 from covey.coverage import Certificate
 from covey.mission import Mission, OptimizerName, Trade
+from covey.optimize import PoseResult
+from covey.optimize.team_bound import require_built_in
 from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
@@ -63,6 +66,8 @@ def plan(
     ------
     InputError
         If a sensor model cannot be built.
+    SolverError
+        If a bound is asked for and a sensor is not a built-in model.
 
     Notes
     -----
@@ -75,7 +80,10 @@ def plan(
         trade=mission.coverage.trade if trade is None else Trade(trade),
         optimizer=mission.coverage.optimizer if optimizer is None else OptimizerName(optimizer),
     )
-    return _Run(replace(mission, coverage=coverage), on_progress).deployment(bound=bound, baseline=baseline)
+    run = _Run(replace(mission, coverage=coverage), on_progress)
+    if bound:
+        require_built_in(run.models)
+    return run.deployment(bound=bound, baseline=baseline)
 
 
 class _Run:
@@ -143,7 +151,7 @@ class _Run:
         with self._timed("first_optimization"):
             for done, _ in enumerate(team.start(), start=1):
                 self._report("optimizing", fraction=done / len(mission.agents))
-        proofs = {}
+        proofs: dict[int, PoseResult] = {}
         proved: dict[int, tuple[object, bytes]] = {}
         while True:
             with self._timed("trading"):
@@ -161,13 +169,17 @@ class _Run:
                     sets,
                     open_agents,
                     seed=self.seed,
-                    on_done=lambda done: self._report("proving", fraction=done / len(open_agents)),
+                    on_done=partial(self._report_proofs, of=len(open_agents)),
                 )
                 proved |= {i: states[i] for i in open_agents}
                 least = LEAST_GAIN * mission.coverage.sigma
                 better = [i for i in open_agents if len(sets[i]) and proofs[i].score > team.scores[i] + least]
-                if not any([team.adopt(i, proofs[i].pose) for i in better]):
+                adopted = [i for i in better if team.adopt(i, proofs[i].pose)]
+                if not adopted:
                     return build_certificate(mission, self.models, team.poses, sets, proofs)
+
+    def _report_proofs(self, done: int, *, of: int) -> None:
+        self._report("proving", fraction=done / of)
 
     def _report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
         now = time.monotonic()

@@ -47,7 +47,7 @@ def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
     if rule is Assignment.NEAREST:
         positions = np.array([agent.pose.position_W for agent in mission.agents])
         away = ((mission.landmarks.positions_W[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2)
-        return away.argmin(axis=1)
+        return np.asarray(away.argmin(axis=1), dtype=np.int64)
     return generator(seed, Stream.ASSIGNMENT).integers(0, m, n)
 
 
@@ -63,8 +63,8 @@ class Team:
 
     Notes
     -----
-    The state kept here (poses, owner, history) is that of the newest committed records, as an observer sees it that hears each
-    event the moment it happens; the nodes themselves know only what messages told them.
+    The state kept here (poses, owner, history) is that of the newest committed records, as an observer sees it that
+    hears each event the moment it happens; the nodes themselves know only what messages told them.
     """
 
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int) -> None:

@@ -22,28 +22,34 @@ class Kernel(enum.IntEnum):
 class VisibilityModel(Protocol):
     """How well a camera at a pose sees a landmark.
 
-    Attributes
-    ----------
-    name : str
-        How mission files and results call the model.
-    needs_normals : bool
-        Whether landmarks must carry normals.
-    maximum : float
-        A number that no visibility exceeds.
-    lipschitz : tuple of two floats
-        (per metre of position, per radian of heading): how fast the visibility of one landmark can change.  The proofs
-        of `exact` rest on these two numbers and on `maximum`.
-
     Notes
     -----
     Source: Sposato (2016), Definition 2, eq. (4.1)-(4.3).  An implementation is checked with
     `covey.testing.check_visibility_model`.
     """
 
-    name: str
-    needs_normals: bool
-    maximum: float
-    lipschitz: tuple[float, float]
+    @property
+    def name(self) -> str:
+        """How mission files and results call the model."""
+        ...
+
+    @property
+    def needs_normals(self) -> bool:
+        """Whether landmarks must carry normals."""
+        ...
+
+    @property
+    def maximum(self) -> float:
+        """A number that no visibility exceeds."""
+        ...
+
+    @property
+    def lipschitz(self) -> tuple[float, float]:
+        """How fast the visibility of one landmark can change: per metre of position, per radian of heading.
+
+        The proofs of `exact` rest on these two numbers and on `maximum`.
+        """
+        ...
 
     def visibility(self, poses: NDArray[np.float64], landmarks: Landmarks) -> NDArray[np.float64]:
         """Visibility of each landmark from each pose.
@@ -65,14 +71,14 @@ class VisibilityModel(Protocol):
 
 @runtime_checkable
 class CompiledModel(VisibilityModel, Protocol):
-    """A built-in model, for which the optimisers have compiled values, gradients and bounds.
+    """A built-in model, for which the optimisers have compiled values, gradients and bounds."""
 
-    Attributes
-    ----------
-    kernel : Kernel
-    optimal_distance : float
-        The distance at which a landmark straight ahead is seen best, metres.
-    """
+    @property
+    def kernel(self) -> Kernel:
+        """Which compiled formulas are this model's."""
+        ...
 
-    kernel: Kernel
-    optimal_distance: float
+    @property
+    def optimal_distance(self) -> float:
+        """Distance at which a landmark straight ahead is seen best, metres."""
+        ...

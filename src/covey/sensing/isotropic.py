@@ -15,7 +15,7 @@ from covey.sensing.frames import check_optimal_distance, in_camera_frame
 
 @dataclass(frozen=True)
 class Isotropic:
-    """Visibility ``min(|s|, 1/|s|)``, whatever the heading, s in optimal distances: (4.2) without its factor for centrality.
+    """Visibility ``min(|s|, 1/|s|)``, whatever the heading, s in optimal distances.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Isotropic:
 
     Notes
     -----
-    Source: Sposato (2016), eq. (4.2), with ``s_x / |s|`` taken out.  Deviation: I3.
+    Source: Sposato (2016), eq. (4.2) without its factor for centrality, ``s_x / |s|``.  Deviation: I3.
 
     Examples
     --------

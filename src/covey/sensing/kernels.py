@@ -75,6 +75,62 @@ def visibility_gradients(
 
 
 @fast_kernel
+def gain_gradient(
+    kind: int,
+    landmarks: NDArray[np.float64],
+    inverse: float,
+    px: float,
+    py: float,
+    c: float,
+    s: float,
+    gradient: NDArray[np.float64],
+) -> float:
+    """Sum of ``w_k max(0, vis - lambda_k)`` over all landmarks from one pose, and its gradient.
+
+    The formulas are those of `visibility_gradients`, whose arguments these are; summing on the way saves the trip through
+    memory.  `gradient`, shape (3,), is overwritten: by the position in optimal distances, and by the heading.
+    """
+    total = gx = gy = gt = 0.0
+    for k in range(landmarks.shape[1]):
+        qx = (landmarks[0, k] - px) * inverse
+        qy = (landmarks[1, k] - py) * inverse
+        r2 = qx * qx + qy * qy
+        i = 1.0 / max(r2, 1.0)
+        w = landmarks[4, k]
+        if kind == ISOTROPIC:
+            r = math.sqrt(max(r2, 1e-300))
+            gain = r * i - landmarks[5, k]
+            w = w if gain > 0.0 else 0.0
+            g = -i / r if r2 > 1.0 else 1.0 / r
+            total += w * gain
+            gx -= w * g * qx
+            gy -= w * g * qy
+        else:
+            value = (qx * c + qy * s) * i
+            turn = (qy * c - qx * s) * i
+            g = 2.0 * value * i if r2 > 1.0 else 0.0
+            if kind == ORIENTED:
+                facing = max(0.0, -(landmarks[2, k] * c + landmarks[3, k] * s))
+                turn = turn * facing + value * (landmarks[2, k] * s - landmarks[3, k] * c)
+                gain = value * facing - landmarks[5, k]
+                w = w if gain > 0.0 else 0.0
+                total += w * gain
+                gt += w * turn
+                w *= facing
+            else:
+                gain = value - landmarks[5, k]
+                w = w if gain > 0.0 else 0.0
+                total += w * gain
+                gt += w * turn
+            gx -= w * (c * i - g * qx)
+            gy -= w * (s * i - g * qy)
+    gradient[0] = gx
+    gradient[1] = gy
+    gradient[2] = gt
+    return total
+
+
+@fast_kernel
 def linear_bounds(
     kind: int,
     columns: NDArray[np.float64],
@@ -91,8 +147,8 @@ def linear_bounds(
 
         w_k max(0, vis - lambda_k) <= max(0, (a, b) . D + c)      with (a, b, c) linear in (ox, oy)
 
-    where D is (cos psi, sin psi), or (cos 2 psi, sin 2 psi) for the oriented model.  The right side is convex in D for a
-    fixed offset and convex in the offset for a fixed D.
+    where D is (cos psi, sin psi), or (cos 2 psi, sin 2 psi) for the oriented model.  The right side is convex in D for
+    a fixed offset and convex in the offset for a fixed D.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from covey.sensing.frames import check_optimal_distance, in_camera_frame
 
 @dataclass(frozen=True)
 class Oriented:
-    """Visibility of `Anisotropic` times ``-cos(phi)``, phi the angle from the camera's heading to the landmark's normal.
+    """Visibility of `Anisotropic` times ``-cos(phi)``, phi the angle from the camera's heading to a landmark's normal.
 
     It is best when camera and landmark look at each other, and 0 where the landmark is seen from behind.
 

@@ -21,6 +21,8 @@ MODELS: Mapping[str, Callable[..., VisibilityModel]] = {
     "oriented": Oriented,
 }
 
+REQUIRED = ("name", "needs_normals", "maximum", "lipschitz", "visibility")
+
 
 def build_model(
     name: str, options: Mapping[str, float] | None = None, *, folder: Path | None = None
@@ -51,7 +53,8 @@ def build_model(
         if not separator:
             raise InputError(f"sensor model {name!r}: expected one of {', '.join(MODELS)} or file.py:Class")
         try:
-            module = _load_file(folder or Path.cwd(), place) if place.endswith(".py") else importlib.import_module(place)
+            own_file = place.endswith(".py")
+            module = _load_file(folder or Path.cwd(), place) if own_file else importlib.import_module(place)
             factory = getattr(module, attribute)
         except (ImportError, OSError, SyntaxError, AttributeError) as error:
             raise InputError(f"sensor model {name!r}: cannot be loaded: {error}") from error
@@ -59,9 +62,9 @@ def build_model(
         model = factory(**(options or {}))
     except (TypeError, ValueError) as error:
         raise InputError(f"sensor model {name!r}: cannot be built with {dict(options or {})}: {error}") from error
-    missing = [key for key in ("name", "needs_normals", "maximum", "lipschitz", "visibility") if not hasattr(model, key)]
+    missing = [key for key in REQUIRED if not hasattr(model, key)]
     if missing:
-        raise InputError(f"sensor model {name!r}: expected the attributes of VisibilityModel, {', '.join(missing)} missing")
+        raise InputError(f"sensor model {name!r}: expected {', '.join(missing)} as in VisibilityModel, got none")
     return model
 
 

@@ -16,10 +16,10 @@ import pytest
 from covey.cli.main import main
 from covey.cli.progress import ProgressLine
 from covey.cli.summary import print_summary
+from covey.coverage import TeamBound
 from covey.coverage.certificate import Certificate
 from covey.errors import CoveyError, SolverError
 from covey.mission import Mission, OptimizerName, Trade
-from covey.coverage import TeamBound
 from covey.runtime import record
 from covey.runtime.record import read_result, write_result
 from covey.runtime.result import Deployment, PlanStatus, Progress
