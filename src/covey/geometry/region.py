@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 INSET = 1e-9
 """How far inside its edges a region's working polygon lies, times its size: rounding never puts a pose outside."""
 
+TRIES = 100
+"""Random points tried for each one wanted before a region is cut into triangles."""
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -137,11 +140,30 @@ class Region:
         """Draw n points uniformly, shape (n, 2), metres."""
         x0, x1, y0, y1 = self.bounds
         points: list[tuple[float, float]] = []
-        while len(points) < n:
+        tries = 0
+        while len(points) < n and tries < TRIES * n:
             x, y = rng.uniform(x0, x1), rng.uniform(y0, y1)
+            tries += 1
             if contains_point(self.inset_edges, x, y):
                 points.append((x, y))
+        points += self._sample_triangles(n - len(points), rng=rng)
         return np.array(points, dtype=np.float64).reshape(n, 2)
+
+    def _sample_triangles(self, n: int, *, rng: np.random.Generator) -> list[tuple[float, float]]:
+        """Draw n points uniformly where trial and error takes too long: in regions much smaller than their bounding box."""
+        import shapely
+
+        if n <= 0:
+            return []
+        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(self.shape))
+        areas = shapely.area(triangles)
+        points = []
+        for index in rng.choice(len(triangles), n, p=areas / areas.sum()):
+            a, b, c = _corners(triangles[index].exterior)
+            u, v = rng.random(2)
+            u, v = (u, v) if u + v <= 1.0 else (1.0 - u, 1.0 - v)
+            points.append(self.project(*(a + u * (b - a) + v * (c - a))))
+        return points
 
 
 def _corners(ring: shapely.LinearRing) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ square of its size, so the number of boxes grows with the logarithm of the toler
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +24,16 @@ from covey.optimize.ascent import ascend, contains_point, nearest_on_edges, pose
 from covey.optimize.base import PoseProblem, PoseResult, Status
 from covey.optimize.packing import landmark_columns
 from covey.optimize.search import POLISH, Search
-from covey.sensing.base import CompiledModel
+from covey.sensing.base import is_compiled
 from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
+
+CUT = 1.0
+"""The heading of a box is cut when it overestimates more than this times what the position does."""
 
 SECTORS = 8
 STACK = 20_000
-CHUNK = 20_000
+CHUNK = 20_000_000
+"""Boxes times landmarks between two looks at whether to go on."""
 
 
 @fast_kernel
@@ -72,10 +77,14 @@ def _box_bound(
         return _vertex_bound(lines, 0.0, 0.0), False
     outer = 1.0 / math.cos(turn * width)
     bound = _vertex_bound(lines, outer * math.cos(turn * psi), outer * math.sin(turn * psi))
+    # not all that the size of a box adds is in `slack`, so its heading never gets far smaller than its sides
+    turned = width > 0.1 * max(box[3], box[4]) and CUT * slack < bound * (outer - 1.0)
+    if bound > target:
+        return math.inf, turned
     for side in (-1.0, 1.0):
         angle = turn * (psi + side * width)
         bound = max(bound, _vertex_bound(lines, math.cos(angle), math.sin(angle)))
-    return bound, 0.5 * slack < bound * (outer - 1.0)
+    return bound, turned
 
 
 @kernel
@@ -174,6 +183,8 @@ class Exact:
     ----------
     limit : int
         How many boxes at most; then the result's status is BUDGET, and its bound still holds.
+    cancelled : callable, optional
+        Asked every now and then; when it says so the work ends as if the limit were reached.
 
     Notes
     -----
@@ -194,6 +205,7 @@ class Exact:
     """
 
     limit: int = 20_000_000
+    cancelled: Callable[[], bool] | None = None
     name: str = "exact"
 
     def maximize(
@@ -209,7 +221,7 @@ class Exact:
             raise ArgumentError(f"tolerance: expected a number above 0, got {tolerance}")
         model = problem.model
         known = Search().maximize(problem, start=start, tolerance=tolerance, rng=rng)
-        if not isinstance(model, CompiledModel):
+        if not is_compiled(model):
             return blackbox.prove(problem, known, tolerance=tolerance, limit=self.limit)
         unit = model.optimal_distance
         columns = landmark_columns(problem.landmarks, problem.thresholds)
@@ -227,8 +239,8 @@ class Exact:
             stack[sector] = (*middle, psi, *half, width, everything, 0.0)
         top, closed, evaluations = sectors, -math.inf, known.evaluations
         budget = self.limit
-        while top > 0 and budget > 0 and top < STACK - 2:
-            chunk = min(CHUNK, budget)
+        while top > 0 and budget > 0 and top < STACK - 2 and not (self.cancelled and self.cancelled()):
+            chunk = min(budget, max(50, CHUNK // max(1, len(problem.landmarks))))
             top, closed, bounds = _branch(
                 int(model.kernel), columns, edges, inset, tolerance, chunk, best, stack, top, closed, POLISH
             )

@@ -23,7 +23,7 @@ from covey.optimize.ascent import climb_all, pose_values
 from covey.optimize.base import PoseProblem
 from covey.optimize.packing import landmark_columns
 from covey.optimize.search import POLISH, candidate_poses, spread
-from covey.sensing.base import CompiledModel, VisibilityModel
+from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 from covey.sensing.kernels import visibility_gradients
 
 
@@ -123,7 +123,7 @@ class PairSearch:
         present = problem.score(problem.poses)
         if not len(problem.landmarks):
             return problem.poses, present
-        if not (isinstance(models[0], CompiledModel) and isinstance(models[1], CompiledModel)):
+        if not (is_compiled(models[0]) and is_compiled(models[1])):
             return _alternate(problem, present, rng=rng)
         columns = landmark_columns(problem.landmarks)
         pools = [self._pool(models[0], problem.regions[0], problem.landmarks, columns, rng)]

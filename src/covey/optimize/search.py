@@ -15,7 +15,7 @@ from covey.optimize import blackbox
 from covey.optimize.ascent import climb_all, contains_point, nearest_on_edges, pose_values
 from covey.optimize.base import PoseProblem, PoseResult
 from covey.optimize.packing import landmark_columns
-from covey.sensing.base import CompiledModel
+from covey.sensing.base import is_compiled
 
 CLIMB = 22
 POLISH = 500
@@ -127,7 +127,7 @@ class Search:
     ) -> PoseResult:
         """Search; see `PoseOptimizer.maximize`."""
         model, region = problem.model, problem.region
-        if not isinstance(model, CompiledModel):
+        if not is_compiled(model):
             return blackbox.search(problem, start=start, rng=rng)
         unit = model.optimal_distance
         columns = landmark_columns(problem.landmarks, problem.thresholds)

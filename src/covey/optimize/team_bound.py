@@ -28,7 +28,7 @@ from covey.optimize.base import PoseProblem
 from covey.optimize.branch_and_bound import Exact
 from covey.optimize.packing import landmark_columns
 from covey.optimize.search import CLIMB, POLISH, candidate_poses, spread
-from covey.sensing.base import CompiledModel, VisibilityModel
+from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 
 ROUNDS = 60
 STEPS = 100
@@ -89,7 +89,7 @@ def _smoothed_maximum(
 
 def require_built_in(models: Sequence[VisibilityModel]) -> list[CompiledModel]:
     """Return the models if each is a built-in one, and raise SolverError otherwise."""
-    compiled = [model for model in models if isinstance(model, CompiledModel)]
+    compiled = [model for model in models if is_compiled(model)]
     if len(compiled) < len(models):
         raise SolverError("team bound: only the built-in sensor models can be bounded; leave out --bound")
     return compiled

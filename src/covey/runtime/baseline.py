@@ -20,7 +20,7 @@ from covey.optimize.ascent import climb_all, pose_values
 from covey.optimize.packing import landmark_columns
 from covey.optimize.search import CLIMB, POLISH
 from covey.runtime.result import Baseline
-from covey.sensing import CompiledModel, VisibilityModel
+from covey.sensing import VisibilityModel, is_compiled
 
 CELLS, MOST_CELLS, HEADINGS = 21, 61, 16
 """Positions along each side of the grid of poses, at least and at most, and headings at each."""
@@ -93,7 +93,7 @@ def _values(
     model: VisibilityModel, landmarks: Landmarks, grid: NDArray[np.float64], best: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     values = np.empty(len(grid))
-    if isinstance(model, CompiledModel):
+    if is_compiled(model):
         columns = landmark_columns(landmarks, best)
         pose_values(int(model.kernel), columns, 1.0 / model.optimal_distance, grid, values)
         return values
@@ -110,7 +110,7 @@ def _refine(
     if not len(landmarks):
         return pose
     problem = PoseProblem(model, landmarks, region)
-    if not isinstance(model, CompiledModel):
+    if not is_compiled(model):
         return blackbox.search(problem, start=pose, rng=rng).pose
     _, found, _ = climb_all(
         np.array([int(model.kernel)]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -47,12 +48,15 @@ def prove_poses(
         Called with the number of proofs done.
     """
 
+    stop = threading.Event()
+    exact = Exact(cancelled=stop.is_set)
+
     def prove(agent: int) -> PoseResult:
         problem = PoseProblem(models[agent], mission.landmarks.subset(sets[agent]), mission.agents[agent].region)
         pose = poses[agent]
         start = pose if mission.agents[agent].region.contains(pose.x, pose.y) else None
         tolerance = 0.5 * mission.coverage.sigma
-        return Exact().maximize(problem, start=start, tolerance=tolerance, rng=generator(seed, Stream.PROOF, agent))
+        return exact.maximize(problem, start=start, tolerance=tolerance, rng=generator(seed, Stream.PROOF, agent))
 
     results: dict[int, PoseResult] = {}
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
@@ -62,6 +66,7 @@ def prove_poses(
                 if on_done is not None:
                     on_done(len(results))
         except BaseException:
+            stop.set()
             pool.shutdown(cancel_futures=True)
             raise
     return results

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 import time
 from collections.abc import Callable
@@ -128,7 +129,7 @@ class _Run:
             pose_optimizations=self.planner.optimizations,
             agents=agents,
             certificate=certificate,
-            software=_software(),
+            software=dict(_software()),
             snapshots=team.finish(),
         )
         try:
@@ -196,6 +197,7 @@ class _Run:
             self.timing[stage] = self.timing.get(stage, 0.0) + time.perf_counter() - begun
 
 
+@functools.cache
 def _software() -> dict[str, str]:
     import covey
 

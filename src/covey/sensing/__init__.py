@@ -1,7 +1,7 @@
 """How well a camera sees a landmark."""
 
 from covey.sensing.anisotropic import Anisotropic
-from covey.sensing.base import CompiledModel, Kernel, VisibilityModel
+from covey.sensing.base import CompiledModel, Kernel, VisibilityModel, is_compiled
 from covey.sensing.isotropic import Isotropic
 from covey.sensing.oriented import Oriented
 from covey.sensing.registry import MODELS, build_model
@@ -15,4 +15,5 @@ __all__ = [
     "Oriented",
     "VisibilityModel",
     "build_model",
+    "is_compiled",
 ]

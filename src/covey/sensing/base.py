@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,6 @@ class VisibilityModel(Protocol):
         ...
 
 
-@runtime_checkable
 class CompiledModel(VisibilityModel, Protocol):
     """A built-in model, for which the optimisers have compiled values, gradients and bounds."""
 
@@ -82,3 +81,8 @@ class CompiledModel(VisibilityModel, Protocol):
     def optimal_distance(self) -> float:
         """Distance at which a landmark straight ahead is seen best, metres."""
         ...
+
+
+def is_compiled(model: VisibilityModel) -> TypeGuard[CompiledModel]:
+    """Whether the compiled formulas are those of this very class; a class that inherits them may see otherwise."""
+    return isinstance(vars(type(model)).get("kernel"), Kernel)
