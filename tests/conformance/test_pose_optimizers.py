@@ -62,9 +62,11 @@ class Faulty:
         result = Exact().maximize(problem, start=start, tolerance=tolerance, rng=rng)
         pose, region = result.pose, problem.region
         if self.fault == "outside":
-            x0, x1, y0, y1 = region.bounds
-            pose = Pose2(min(x1, max(x0, pose.x)) + 1e-12 * (pose.x >= x1 - 1e-6), pose.y, pose.yaw)
-            return replace(result, pose=pose, score=problem.score(pose), upper_bound=math.inf, status=Status.LOCAL)
+            # by less than anybody would see
+            x0, x1, _, _ = region.bounds
+            outside = {pose.x < x0 + 1e-6: x0 - 1e-12, pose.x > x1 - 1e-6: x1 + 1e-12}.get(True, pose.x)
+            pose = Pose2(outside, pose.y, pose.yaw)
+            return PoseResult(pose, problem.score(pose), evaluations=result.evaluations)
         if self.fault == "score":
             return replace(result, score=result.score + 1e-12)
         if self.fault == "understated bound":
@@ -83,8 +85,7 @@ class Faulty:
             pose = Pose2(x, y, 0.0)
             return PoseResult(pose, problem.score(pose))
         if self.fault == "first landmark" and len(problem.landmarks) == 1:
-            pose = Pose2(*region.project(0.0, 0.0), 0.0)
-            pose = pose if start is None else start
+            pose = Pose2(1.0, 1.0, 0.0) if start is None else start
             return PoseResult(pose, problem.score(pose))
         return result
 

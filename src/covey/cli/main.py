@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 from covey import __version__
 from covey.cli.certify import certify
 from covey.cli.heatmap import heatmap
+from covey.cli.interrupt import leave_at_once
 from covey.cli.plan import plan
 from covey.cli.reproduce import reproduce
 from covey.cli.schema import schema
@@ -60,16 +62,20 @@ def main(arguments: list[str] | None = None) -> None:
         Always: 0 for success, 1 for a deployment that violates its certificate, 2 for bad input or usage, 130 for
         Ctrl-C.
     """
+    before = signal.signal(signal.SIGINT, leave_at_once)
     try:
         app(args=arguments, prog_name="covey")
     except CoveyError as error:
         print_error(error)
         _leave(error.exit_code)
     except OSError as error:
-        typer.echo(f"covey: {error}", err=True)
+        what = "" if error.filename is not None else "the output cannot be written: "
+        typer.echo(f"covey: {what}{error.strerror if what else error}", err=True)
         _leave(CoveyError.exit_code)
     except SystemExit as leaving:
         _leave(leaving.code if isinstance(leaving.code, int) else 0)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def print_error(error: CoveyError) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import importlib
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-if TYPE_CHECKING:
-    from covey.runtime.result import Deployment
+from covey.cli.interrupt import INTERRUPTED, Interruption
 
-INTERRUPTED = 130
+if TYPE_CHECKING:
+    from covey.mission import Mission
+    from covey.runtime.result import Deployment, Progress
 
 
 def plan(
@@ -55,37 +56,47 @@ def plan(
 
     loaded = load_mission(mission, seed=seed)
 
-    from covey.cli.progress import ProgressLine
     from covey.runtime.record import check_result_target, default_directory, write_result
 
     target = default_directory(loaded.name, loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
-
-    # Half a second of imports that only the figures need, while the planner's compiled code runs.
-    threading.Thread(target=_import_figures).start()
-
-    from covey.runtime.plan import plan as plan_mission
-
-    with ProgressLine(quiet=quiet) as progress:
-        deployment = plan_mission(
+    failure: OutputError | None = None
+    with Interruption() as interruption:
+        # Half a second of imports that only the figures need, while the planner's compiled code runs.
+        threading.Thread(target=_import_figures).start()
+        deployment = _plan(
             loaded,
+            interruption,
+            quiet=quiet,
             trade=None if trade is None else Trade(trade),
             optimizer=None if optimizer is None else OptimizerName(optimizer),
             bound=bound,
             baseline=baseline,
-            on_progress=progress,
         )
-    failure: OutputError | None = None
-    try:
-        write_result(deployment, target, overwrite=force)
-    except OutputError as error:  # what was found must not be lost with it
-        failure = error
+        try:
+            write_result(deployment, target, overwrite=force)
+        except OutputError as error:  # what was found must not be lost with it
+            failure = error
     _show(deployment, target, json=json, quiet=quiet, written=failure is None)
     if failure is not None:
         raise failure
     if deployment.status.value == "interrupted":
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
+    if interruption.noted or deployment.status.value == "interrupted":
         raise typer.Exit(INTERRUPTED)
+
+
+def _plan(mission: Mission, interruption: Interruption, *, quiet: bool, **options: Any) -> Deployment:
+    from covey.cli.progress import ProgressLine
+    from covey.runtime.plan import plan as plan_mission
+
+    with ProgressLine(quiet=quiet) as progress:
+
+        def report(news: Progress) -> None:
+            interruption.check()
+            progress(news)
+
+        return plan_mission(mission, on_progress=report, **options)
 
 
 def _import_figures() -> None:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+from covey.cli.interrupt import INTERRUPTED, Interruption
+
+if TYPE_CHECKING:
+    from covey.runtime.result import Progress
 
 
 def reproduce(
@@ -30,8 +35,17 @@ def reproduce(
     from covey.runtime.reproduce import reproduce_thesis, table_text
 
     target = default_directory(f"reproduce-{what}", seeds) if out is None else out
-    with ProgressLine(quiet=quiet) as progress:
-        missions = reproduce_thesis(target, seeds=seeds, overwrite=force, on_progress=progress)
+    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+
+        def report(news: Progress) -> None:
+            interruption.check()
+            progress(news)
+
+        try:
+            missions = reproduce_thesis(target, seeds=seeds, overwrite=force, on_progress=report)
+        except KeyboardInterrupt:
+            typer.echo("covey: interrupted; nothing was written", err=True)
+            raise typer.Exit(INTERRUPTED) from None
     if not quiet:
         typer.echo(table_text(missions))
         typer.echo(f"The page is {target / 'index.html'}")

@@ -17,6 +17,8 @@ from covey.optimize.base import PoseProblem, PoseResult, Status
 
 STARTS = 24
 BATCH = 256
+ROUNDS = 1000
+"""Steps of the compass search at most: where the boundary cuts off most directions its steps shrink slowly."""
 
 
 def values(problem: PoseProblem, poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -28,21 +30,26 @@ def values(problem: PoseProblem, poses: NDArray[np.float64]) -> NDArray[np.float
 
 
 def search(problem: PoseProblem, *, start: Pose2 | None, rng: np.random.Generator) -> PoseResult:
-    """Compass search from the best of many random poses, all starts at once."""
-    region = problem.region
+    """Compass search from the best of many random poses, some of them near a landmark, all starts at once."""
+    region, landmarks = problem.region, problem.landmarks
     x0, x1, y0, y1 = region.bounds
     size = max(x1 - x0, y1 - y0)
     poses = np.column_stack([region.sample(512, rng=rng), rng.uniform(-math.pi, math.pi, 512)])
+    near = _near_landmarks(problem, 512, rng=rng)
+    poses = np.vstack([poses, near[region.contains_points(near[:, :2])]])
     if start is not None:
         poses = np.vstack([poses, start.as_array()])
     scores = values(problem, poses)
+    least = 1e-13 * float(landmarks.weights.sum()) * problem.model.maximum
     evaluations = len(poses)
     chosen = np.argsort(-scores, kind="stable")[:STARTS]
     if start is not None:
         chosen = np.append(chosen, len(poses) - 1)
     poses, scores = poses[chosen], scores[chosen]
     reach = np.full(len(poses), 1.0 / 16.0)
-    while (reach > 1e-9).any():
+    for _ in range(ROUNDS):
+        if not (reach > 1e-9).any():
+            break
         turns = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         moves = np.vstack([turns, -turns]) * np.array([size, size, math.pi])
         trials = poses[:, None, :] + reach[:, None, None] * moves[None, :, :]
@@ -53,7 +60,7 @@ def search(problem: PoseProblem, *, start: Pose2 | None, rng: np.random.Generato
         trial_scores = trial_scores.reshape(len(poses), -1)
         best = trial_scores.argmax(axis=1)
         rows = np.arange(len(poses))
-        better = trial_scores[rows, best] > scores
+        better = trial_scores[rows, best] > scores + least
         poses[better] = trials[rows, best][better]
         scores[better] = trial_scores[rows, best][better]
         reach = np.where(better, np.minimum(2.0 * reach, 0.125), 0.5 * reach)
@@ -65,6 +72,21 @@ def search(problem: PoseProblem, *, start: Pose2 | None, rng: np.random.Generato
     if start is not None and problem.score(start) >= score:
         pose, score = start, problem.score(start)
     return PoseResult(pose, score, evaluations=evaluations)
+
+
+def _near_landmarks(problem: PoseProblem, count: int, *, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Poses around landmarks, looking at them or elsewhere, inside the region or not: shape (count, 3)."""
+    points = problem.landmarks.positions_W
+    per_metre = problem.model.lipschitz[0]
+    if not len(points) or per_metre <= 0.0:
+        return np.empty((0, 3))
+    # nothing is seen from further away unless the visibility falls more slowly than it may
+    away = 2.0 * problem.model.maximum / per_metre * rng.random(count)
+    bearing = rng.uniform(-math.pi, math.pi, count)
+    aside = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-math.pi, math.pi, count))
+    centre = points[rng.integers(0, len(points), count)]
+    x, y = centre[:, 0] - away * np.cos(bearing), centre[:, 1] - away * np.sin(bearing)
+    return np.column_stack([x, y, bearing + aside])
 
 
 def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: int) -> PoseResult:

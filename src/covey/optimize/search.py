@@ -21,6 +21,9 @@ CLIMB = 22
 POLISH = 500
 """Evaluations for a first climb from a start, and for the last one from the best of them."""
 
+POOL = 8
+"""How many candidates are looked at for each start."""
+
 HEADINGS = 8
 APART = 0.5
 OFFSETS = (0.3, 1.2)
@@ -40,7 +43,9 @@ def candidate_poses(
         How many landmarks are looked at, from HEADINGS directions each.
     """
     n = len(landmarks)
-    chosen = np.arange(n) if n <= anchors else rng.choice(n, anchors, replace=False)
+    if not n:
+        return np.empty((0, 3))
+    chosen = np.resize(np.arange(n), anchors) if n <= anchors else rng.choice(n, anchors, replace=False)
     turn = 2.0 * math.pi / HEADINGS
     psi = turn * np.arange(HEADINGS)[None, :] + rng.uniform(0.0, turn, (len(chosen), 1))
     points = landmarks.positions_W[chosen]
@@ -67,7 +72,10 @@ def _into_region(poses: NDArray[np.float64], edges: NDArray[np.float64]) -> None
 
 def spread(poses: NDArray[np.float64], values: NDArray[np.float64], unit: float, count: int) -> NDArray[np.int64]:
     """Indices of the best poses that are not near a better one: at most `count`."""
-    order = np.argsort(-values, kind="stable")[: 20 * count]
+    order = np.arange(len(values))
+    if len(values) > POOL * count:
+        order = np.sort(np.argpartition(-values, POOL * count)[: POOL * count])
+    order = order[np.argsort(-values[order], kind="stable")]
     chosen = np.empty(count, dtype=np.int64)
     return chosen[: _spread(poses, order, 1.0 / unit, chosen)]
 
@@ -113,8 +121,8 @@ class Search:
     """
 
     anchors: int = 100
-    starts: int = 48
-    keep: int = 6
+    starts: int = 40
+    keep: int = 5
     name: str = "search"
 
     def maximize(

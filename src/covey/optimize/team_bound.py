@@ -135,17 +135,18 @@ def team_bound(
     """
     compiled = require_built_in(models)
     weights = landmarks.weights
-    if not len(landmarks):
+    if not weights.any():
         return TeamBound(0.0, 0.0)
     groups = _groups(compiled, regions, poses, landmarks, rng)
     visible = np.vstack([m.visibility(p.as_array()[None], landmarks) for m, p in zip(compiled, poses, strict=True)])
     prices = 0.7 * visible.max(axis=0)
-    tolerance = accuracy * score
     bound, unchanged, proofs = float(weights.sum() * max(model.maximum for model in compiled)), 0, 0
+    scale = max(score, 1e-3 * bound)
+    tolerance = accuracy * scale
     lowest = np.inf
     for step in range(ROUNDS):
         for temperature in TEMPERATURES if step == 0 else TEMPERATURES[-1:]:
-            prices = _minimise(groups, weights, prices, temperature * score / 100.0)
+            prices = _minimise(groups, weights, prices, temperature * scale / 100.0)
         value = pooled = float(weights @ prices)
         for group in groups:
             pooled += group.count * float(_gains(group, weights, prices).max())

@@ -101,9 +101,9 @@ def draw_map(
                 _draw_region(ax, agent.region, palette[index], dashed=True)
         _draw_region(ax, mission.region, INK, cells=mission.landmarks.cell_size is not None)
         radius = 10.0 if len(poses) <= 8 else 8.0 if len(poses) <= 16 else 6.5 if len(poses) <= 32 else 5.0
-        draw_poses(ax, poses, palette, numbers, radius=radius)
+        marks = draw_poses(ax, poses, palette, numbers, radius=radius)
         if not numbered:
-            _number_partitions(ax, mission.landmarks, owner, poses, numbers, frame, 3.0 * radius)
+            _number_partitions(ax, mission.landmarks, owner, poses, numbers, frame, marks, radius)
         east, north = ("x, east", "y, north") if mission.georeference is not None else ("x", "y")
         ax.set_xlabel(f"{east} [m]")
         ax.set_ylabel(f"{north} [m]")
@@ -239,11 +239,12 @@ def _number_partitions(
     poses: Sequence[Pose2],
     numbers: Sequence[str],
     frame: Frame,
-    near: float,
+    marks: NDArray[np.float64],
+    radius: float,
 ) -> None:
-    """Write each agent's number once, on the landmark of its own that is nearest to their middle.
+    """Write each agent's number once, near the middle of its landmarks and clear of what is drawn at `marks`, points.
 
-    Where the agent itself is that near, in points, its own number does.
+    Where the agent itself is there its own number does.
     """
     size = 11.0 if len(numbers) <= 16 else 8.0
     lift = 0.0 if landmarks.cell_size is not None else 1.3 * size / frame.points_per_metre
@@ -253,10 +254,13 @@ def _number_partitions(
         own = landmarks.positions_W[owner == index]
         if not len(own):
             continue
-        nearest = np.argmin(((own - own.mean(axis=0)) ** 2).sum(axis=1))
-        middle = own[nearest] + lift * up[owner == index][nearest]
-        if np.linalg.norm(middle - pose.position_W) * frame.points_per_metre < near:
+        away = np.linalg.norm(own - own.mean(axis=0), axis=1)
+        middle = own[np.argmin(away)]
+        if np.linalg.norm(middle - pose.position_W) * frame.points_per_metre < 3.0 * radius:
             continue
+        places = own + lift * up[owner == index]
+        room = np.linalg.norm(_points(ax, places)[:, None, :] - marks, axis=2).min(axis=1)
+        middle = places[np.argmin(np.where(room < radius + 0.8 * size, away + away.max(), away))]
         halo, text = (_marks([_glyphs(number)], [size], middle[None, :], ax) for _ in range(2))
         halo.set(facecolors="white", edgecolors="white", linewidths=2.5, zorder=3.0)
         text.set(facecolors=INK, linewidths=0.0, zorder=3.1)
@@ -283,8 +287,11 @@ def _draw_region(ax: Axes, region: Region, colour: str, *, dashed: bool = False,
 
 def draw_poses(
     ax: Axes, poses: Sequence[Pose2], palette: Sequence[str], numbers: Sequence[str], *, radius: float
-) -> None:
-    """Draw each pose as the thesis does: a black dot between two round arrows, and a line the way the camera points."""
+) -> NDArray[np.float64]:
+    """Draw each pose as the thesis does: a black dot between two round arrows, and a line the way the camera points.
+
+    Returns the centres of what was drawn, cameras and numbers, shape (2m, 2), in points.
+    """
     positions = np.array([pose.position_W for pose in poses])
     turns = [Affine2D().rotate(pose.yaw) for pose in poses]
 
@@ -308,12 +315,22 @@ def draw_poses(
     add(line, 4.1, facecolors="none", edgecolors="black", linewidths=thin + 0.4, capstyle="round")
     add(dot, 4.2, facecolors="black", linewidths=0.0)
     size = max(5.5, 0.85 * radius)
-    draw_badges(ax, positions, palette, numbers, size=size, shift=_badge_shifts(ax, poses, radius, size))
+    centres = _points(ax, positions)
+    shift = _badge_shifts(centres, poses, radius, size)
+    draw_badges(ax, positions, palette, numbers, size=size, shift=shift)
+    return np.concatenate([centres, centres + shift])
 
 
-def _badge_shifts(ax: Axes, poses: Sequence[Pose2], radius: float, size: float) -> NDArray[np.float64]:
-    """Place each number behind its camera, or where it hides neither another camera nor another number: (m, 2), points."""
-    centres = ax.transData.transform([pose.position_W for pose in poses]) * 72.0 / ax.figure.dpi
+def _points(ax: Axes, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where positions, metres, lie on the page, points."""
+    places: NDArray[np.float64] = ax.transData.transform(positions) * 72.0 / ax.figure.dpi
+    return places
+
+
+def _badge_shifts(
+    centres: NDArray[np.float64], poses: Sequence[Pose2], radius: float, size: float
+) -> NDArray[np.float64]:
+    """Place each number behind its camera, or where it hides neither another camera nor number: (m, 2), points."""
     shifts = np.zeros((len(poses), 2))
     for index, pose in enumerate(poses):
         others = np.delete(centres, index, axis=0)

@@ -110,7 +110,7 @@ class _Run:
             certificate = self._settle()
             status = PlanStatus.SETTLED
         except KeyboardInterrupt:
-            pass
+            self.team.rescore()
         team = self.team
         agents = tuple(
             AgentResult(specification.name, team.poses[i], float(team.scores[i]), landmarks)

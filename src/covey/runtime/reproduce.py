@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import html
 import statistics
@@ -106,7 +107,7 @@ def reproduce_thesis(
     with staged(target, NAMES) as staging:
         _write_figures(deployments[0], staging)
         _write_scores(deployments, staging / "scores.csv")
-        (staging / PAGE).write_text(_page(deployments), encoding="utf-8")
+        (staging / PAGE).write_text(_page(deployments, staging), encoding="utf-8")
     return tuple(deployments)
 
 
@@ -181,7 +182,17 @@ def _is_reproduction(directory: Path) -> bool:
         return False
 
 
-def _page(deployments: Sequence[Deployment]) -> str:
+def _figure(folder: Path, number: str, text: str) -> str:
+    image = base64.b64encode((folder / f"figure-{number}.png").read_bytes()).decode("ascii")
+    caption = html.escape(f"Figure {number}. {text}")
+    return (
+        f'<figure><a href="figure-{number}.pdf"><img src="data:image/png;base64,{image}" alt="{caption}"></a>'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _page(deployments: Sequence[Deployment], folder: Path) -> str:
+    """Return the page, which holds the figures of the folder itself."""
     first = deployments[0]
     rows = "\n".join(
         f"<tr><th>{html.escape(title)}</th><td>{thesis:.2f}</td><td>{mean:.2f}</td><td>{low:.2f} to {high:.2f}</td>"
@@ -190,10 +201,13 @@ def _page(deployments: Sequence[Deployment]) -> str:
         for thesis, mean, low, high in [_row(deployments, name)]
     )
     figures = "\n".join(
-        f'<figure><a href="figure-{number}.pdf"><img src="figure-{number}.png" alt="{html.escape(title)}"></a>'
-        f"<figcaption>Figure {number}. {html.escape(title)}: {getattr(first.score, name):.2f}; "
-        f"in the thesis {getattr(THESIS, name):.2f}.</figcaption></figure>"
+        _figure(
+            folder, number, f"{title}: {getattr(first.score, name):.2f}; in the thesis {getattr(THESIS, name):.2f}."
+        )
         for number, name, title in MOMENTS
+    )
+    heatmap = _figure(
+        folder, "4.1", "Heat map of the visibility function. Lighter points are seen better by the agent."
     )
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -203,13 +217,17 @@ def _page(deployments: Sequence[Deployment]) -> str:
 {MARK}
 <title>Section 5.1 of the thesis, reproduced</title>
 <style>
-body {{ font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }}
-table {{ border-collapse: collapse; }}
-th, td {{ padding: 0.3rem 1rem; border-bottom: 1px solid #ddd; text-align: right; }}
-th:first-child {{ text-align: left; font-weight: normal; }}
-.figures {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(22rem, 1fr)); gap: 1rem; }}
+body {{ font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; }}
+h1 {{ font-size: 1.6rem; }}
+h2 {{ font-size: 1.2rem; margin-top: 2rem; }}
+p {{ max-width: 44rem; }}
+table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
+th, td {{ padding: 0.3rem 1rem; border-bottom: 1px solid #ddd; text-align: right; font-weight: normal; }}
+thead th {{ border-bottom: 2px solid #888; color: #666; }}
+th:first-child {{ text-align: left; padding-left: 0; }}
+.figures {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 1.5rem; }}
 figure {{ margin: 0; }}
-img {{ max-width: 100%; }}
+img {{ width: 100%; }}
 figcaption {{ color: #666; font-size: 0.9rem; }}
 </style>
 </head>
@@ -218,17 +236,15 @@ figcaption {{ color: #666; font-size: 0.9rem; }}
 <p>Four agents cover 400 landmarks on 10 m by 10 m. The initial assignment is random, so the thesis's scores are one
 draw; ours are of {len(deployments)} seeds with the thesis's own way of trading, sigma {first.sigma:g}.</p>
 <table>
-<thead><tr><th>coverage score</th><td>thesis</td><td>our mean</td><td>our range</td>
-<td>seed {first.seed}, below</td></tr></thead>
+<thead><tr><th>coverage score</th><th>thesis</th><th>our mean</th><th>our range</th>
+<th>seed {first.seed}, below</th></tr></thead>
 <tbody>
 {rows}
 </tbody>
 </table>
 <h2>Figures</h2>
 <div class="figures">
-<figure><a href="figure-4.1.pdf"><img src="figure-4.1.png" alt="Heat map of the visibility function"></a>
-<figcaption>Figure 4.1. Heat map of the visibility function. Lighter points are seen better by the agent.</figcaption>
-</figure>
+{heatmap}
 {figures}
 </div>
 <p>Every score is in <a href="scores.csv">scores.csv</a>.</p>

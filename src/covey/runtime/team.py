@@ -74,9 +74,7 @@ class Team:
         self.owner = initial_owners(mission, seed)
         self.trades = 0
         agents = range(len(mission.agents))
-        self.scores = agent_scores(
-            team_visibility(planner.models, self.poses, mission.landmarks), self.owner, mission.landmarks.weights
-        )
+        self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
         self.bus = Loopback(rng=generator(seed, Stream.BUS))
@@ -128,6 +126,10 @@ class Team:
         self._act(agent, self.bus.apply(agent, outputs))
         return any(isinstance(output, PoseOptimized) for output in outputs)
 
+    def rescore(self) -> None:
+        """Compute every score anew, for when an interrupt came in the middle of an event."""
+        self.scores = self._all_scores()
+
     def sets(self) -> list[NDArray[np.int64]]:
         """Return the sorted landmarks of each agent."""
         return [np.flatnonzero(self.owner == agent) for agent in range(len(self.nodes))]
@@ -142,6 +144,10 @@ class Team:
             after_first_trade=known.get("after_first_trade", math.nan),
             final=self.score,
         )
+
+    def _all_scores(self) -> NDArray[np.float64]:
+        landmarks = self.mission.landmarks
+        return agent_scores(team_visibility(self.planner.models, self.poses, landmarks), self.owner, landmarks.weights)
 
     def _act(self, agent: int, outputs: Sequence[GoTo | Event]) -> None:
         for output in outputs:

@@ -168,28 +168,32 @@ def linear_bounds(
     """
     h2 = hx * hx + hy * hy
     h = math.sqrt(h2)
+    close = (2.0 - h) * (2.0 - h) if h < 2.0 else -1.0
     slack = 0.0
     for k in range(columns.shape[1]):
         qx = columns[0, k] - px
         qy = columns[1, k] - py
         dx = max(0.0, abs(qx) - hx)
         dy = max(0.0, abs(qy) - hy)
-        near = math.sqrt(dx * dx + dy * dy)
+        inverse = 1.0 / math.sqrt(max(dx * dx + dy * dy, 1e-300))
         r2 = qx * qx + qy * qy
-        r = math.sqrt(r2)
         far = r2 > 1.0
-        # no visibility in the box exceeds min(r, 1/r) at the distance in the box that is nearest to 1
-        top = 1.0 / near if near > 1.0 else min(1.0, r + h)
+        # no visibility in the box exceeds this; where all of the box is nearer than 1, less will be said below
+        top = min(1.0, inverse)
         # far: v = q / |q|^2 at the centre, its derivative, and half its largest second derivative, 2 / r^3, times h^2;
         # near: v . d <= q . d wherever q . d >= 0, which is linear as it stands
-        remainder = h2 / (near * near * near) if far else 0.0
-        useful = remainder < top if far else r + h < 2.0 * top
+        remainder = h2 * inverse * inverse * inverse if far else 0.0
+        useful = remainder < top if far else r2 < close
         i = 1.0 / max(r2, 1.0)
         w = columns[4, k]
         if kind == ISOTROPIC:
             # near: |q| is convex, so its tangent plus the second-order remainder; the tangent's length is 1
-            curve = h2 / (2.0 * near) if near > 0.0 else 2.0 * top
+            r = math.sqrt(r2)
+            top = min(top, r + h)
+            curve = 0.5 * h2 * inverse
             curve = remainder if far else curve
+            # nearer than the optimal distance it is at most |q|, which vanishes at the landmark
+            top = min(top, r + h)
             useful = curve < top
             scale = (-i / r if far else 1.0 / max(r, 1e-300)) if useful else 0.0
             rest = curve if useful else top

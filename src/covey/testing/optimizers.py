@@ -206,7 +206,7 @@ def sample_problems(
 def check_one_landmark(optimizer: PoseOptimizer, model: VisibilityModel, *, seed: int, tolerance: float) -> None:
     """A single landmark in the open can be seen as well as anything ever is."""
     landmarks = _landmarks(np.array([[0.3, -0.2]]), np.random.default_rng(seed), weights=np.array([2.0]))
-    reach = 20.0 * model.maximum / max(model.lipschitz[0], 1e-9)
+    reach = 3.0 * model.maximum / max(model.lipschitz[0], 1e-9)
     problem = PoseProblem(model, landmarks, Region.box(-reach, reach, -reach, reach))
     result = check_problem(optimizer, problem, None, seed=seed, tolerance=tolerance)
     best = 2.0 * model.maximum

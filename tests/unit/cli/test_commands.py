@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from covey.cli.main import main
@@ -239,6 +241,52 @@ def test_help_version_and_schema(run: Run) -> None:
 
 def covey(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "covey", *arguments], capture_output=True, text=True, **options)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+@pytest.mark.parametrize("stage", ["optimizing", "trading", "proving", "bounding"])
+def test_ctrl_c_in_the_middle_keeps_what_is_known(stage: str, tmp_path: Path) -> None:
+    mission = Path(__file__).parents[3] / "examples" / "eight-agents.yaml"
+    command = [sys.executable, "-c", REPORTING, "plan", str(mission), "--out", str(tmp_path / "r"), "--bound"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while not (line := process.stderr.readline()).startswith(f"covey: {stage}"):
+            assert line, f"it ended before {stage}"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate()
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "interrupted; what was known by then is in" in err
+    assert "Score" in out
+    deployment = read_result(tmp_path / "r")
+    assert deployment.status is PlanStatus.INTERRUPTED
+    assert (deployment.certificate is not None) is (stage == "bounding")
+    assert np.array_equal(np.sort(np.concatenate([agent.landmarks for agent in deployment.agents])), np.arange(400))
+    assert sum(agent.score for agent in deployment.agents) == pytest.approx(deployment.score.final)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r"]
+
+
+REPORTING = """
+import covey.runtime.plan
+covey.runtime.plan.REPORT_EVERY = 0.0
+from covey.cli.main import main
+main()
+"""
+"""The command, reporting every step, so that no stage is over before it was reported."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+def test_ctrl_c_while_there_is_nothing_to_keep_ends_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "mission.yaml")
+    command = [sys.executable, "-m", "covey", "plan", "mission.yaml"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        # opening the other end waits until the command reads the mission
+        with (tmp_path / "mission.yaml").open("w"):
+            process.send_signal(signal.SIGINT)
+        _, err = process.communicate()
+    assert process.returncode == 130
+    assert err == ""
+    assert not (tmp_path / "covey-out").exists()
 
 
 def test_a_broken_pipe_is_quiet() -> None:

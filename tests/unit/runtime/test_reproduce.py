@@ -55,8 +55,11 @@ def test_page_figures_and_table(planned: list[dict[str, Any]], tmp_path: Path) -
     assert len(told) == 3
     assert sorted(path.name for path in (tmp_path / "r").iterdir()) == sorted(NAMES)
     page = (tmp_path / "r" / "index.html").read_text(encoding="utf-8")
-    for link in re.findall(r'(?:href|src)="([^"]+)"', page):
+    for link in re.findall(r'href="([^"]+)"', page):
         assert (tmp_path / "r" / link).stat().st_size > 100
+    sources = re.findall(r'src="([^"]+)"', page)
+    assert len(sources) == 5
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
     for score in ("21.39", "72.55", "79.89", "118.99"):
         assert score in page
         assert score in table_text(deployments)
@@ -68,7 +71,12 @@ def test_page_figures_and_table(planned: list[dict[str, Any]], tmp_path: Path) -
 
 @pytest.mark.usefixtures("planned")
 def test_an_earlier_reproduction_is_replaced_only_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("covey.runtime.reproduce._write_figures", lambda deployment, staging: None)
+    def draw_nothing(deployment: Deployment, staging: Path) -> None:
+        for name in NAMES:
+            if name.endswith(".png"):
+                (staging / name).touch()
+
+    monkeypatch.setattr("covey.runtime.reproduce._write_figures", draw_nothing)
     reproduce_thesis(tmp_path, seeds=1)
     with pytest.raises(OutputError, match="not empty"):
         reproduce_thesis(tmp_path, seeds=1)

@@ -1,0 +1,199 @@
+"""Proofs of poses: against dense sampling, against another prover, and mutants that claim too much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.conformance.models import BlackBox
+from tests.unit.optimize.mutants import MODELS, check_boxes, check_solver, mutated, scene, weaken_incumbents
+
+from covey.environment import Landmarks
+from covey.errors import ArgumentError
+from covey.geometry import Pose2, Region
+from covey.optimize import Exact, PoseProblem, PoseResult, Search, Status, blackbox
+from covey.sensing import Anisotropic, CompiledModel, Isotropic, Oriented
+from covey.testing.optimizers import REGIONS, check_pose_result, pose_scores
+
+DENSE = np.array([(x, y, psi) for x in np.linspace(-4, 4, 81) for y in np.linspace(-4, 4, 81) for psi in np.linspace(-math.pi, math.pi, 48, endpoint=False)])
+
+
+@pytest.mark.parametrize("model", [Anisotropic(), Anisotropic(0.4), Oriented(1.5), Isotropic(0.7)], ids=repr)
+def test_no_pose_of_a_dense_grid_exceeds_the_bound(model: CompiledModel) -> None:
+    """315,000 poses: 0.1 m and 7.5 degrees apart."""
+    rng = np.random.default_rng(11)
+    landmarks, thresholds = scene(rng, 30)
+    for limits in (None, thresholds):
+        for region in (Region.box(-4, 4, -4, 4), REGIONS["hole"]()):
+            problem = PoseProblem(model, landmarks, region, limits)
+            result = Exact().maximize(problem, tolerance=1e-3, rng=rng)
+            assert result.status is Status.PROVED
+            inside = region.contains_points(DENSE[:, :2])
+            best = pose_scores(problem, DENSE[inside]).max()
+            # the grid is fine enough to come near: a bound far above everything would be caught as well
+            step = 0.05 * math.sqrt(2.0) * model.lipschitz[0] + math.pi / 48 * model.lipschitz[1]
+            assert best <= result.upper_bound
+            assert result.upper_bound <= best + 1e-3 + step * landmarks.weights.sum()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(REGIONS)), st.sampled_from(MODELS), st.booleans())
+def test_every_proof_holds(seed: int, region: str, model: CompiledModel, limited: bool) -> None:
+    rng = np.random.default_rng(seed)
+    landmarks, thresholds = scene(rng, int(rng.integers(0, 25)))
+    problem = PoseProblem(model, landmarks, REGIONS[region](), thresholds if limited else None)
+    tolerance = 10.0 ** rng.uniform(-4.0, -1.0)
+    result = Exact().maximize(problem, tolerance=tolerance, rng=rng)
+    assert result.status is Status.PROVED
+    check_pose_result(problem, result, tolerance=tolerance, rng=rng)
+
+
+@pytest.mark.parametrize("limit", [1, 10, 100, 1000])
+@pytest.mark.parametrize("model", [*MODELS, BlackBox(Anisotropic())], ids=repr)
+def test_a_proof_that_ran_out_of_budget_holds_too(model: CompiledModel, limit: int) -> None:
+    rng = np.random.default_rng(limit)
+    landmarks, thresholds = scene(rng, 20)
+    for region in REGIONS.values():
+        problem = PoseProblem(model, landmarks, region(), thresholds)
+        result = Exact(limit=limit).maximize(problem, tolerance=1e-9, rng=rng)
+        check_pose_result(problem, result, tolerance=1e-9, rng=rng)
+        assert math.isfinite(result.upper_bound)
+        assert limit > 10 or result.status is Status.BUDGET
+
+
+def test_the_gap_is_what_was_asked_for(seeds: Callable[[int, int], range]) -> None:
+    for seed in seeds(5, 100):
+        rng = np.random.default_rng(seed)
+        landmarks, _ = scene(rng, 15)
+        problem = PoseProblem(MODELS[seed % 3], landmarks, Region.box(-3, 3, -3, 3))
+        results = [Exact().maximize(problem, tolerance=t, rng=rng) for t in (1.0, 1e-2, 1e-3, 1e-5)]
+        for result, tolerance in zip(results, (1.0, 1e-2, 1e-3, 1e-5), strict=True):
+            assert result.status is Status.PROVED
+            assert result.gap <= tolerance + 1e-9
+        # all of these are about the same optimum
+        assert max(result.score for result in results) <= min(result.upper_bound for result in results) + 1e-9
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, math.nan])
+def test_a_tolerance_that_cannot_be_proved_is_refused(tolerance: float) -> None:
+    problem = PoseProblem(Anisotropic(), Landmarks(np.zeros((1, 2))), Region.box(-1, 1, -1, 1))
+    with pytest.raises(ArgumentError, match="tolerance: expected a number above 0"):
+        Exact().maximize(problem, tolerance=tolerance, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_two_provers_agree(model: CompiledModel, seeds: Callable[[int, int], range]) -> None:
+    """One by linear bounds, the other by the Lipschitz constants alone: they share no formula but the visibility."""
+    for seed in seeds(3, 30):
+        rng = np.random.default_rng(seed)
+        landmarks, thresholds = scene(rng, 4)
+        for limits in (None, thresholds):
+            region = REGIONS[["box", "hole", "slanted"][seed % 3]]()
+            one = Exact().maximize(PoseProblem(model, landmarks, region, limits), tolerance=1e-4, rng=rng)
+            problem = PoseProblem(BlackBox(model), landmarks, region, limits)
+            known = Search().maximize(problem, rng=rng)
+            two = blackbox.prove(problem, known, tolerance=0.2, limit=400_000)
+            assert one.status is Status.PROVED
+            assert two.gap < 0.5  # in steps of landmarks it is slow: enough that both speak of the same optimum
+            assert one.score <= two.upper_bound + 1e-9
+            assert two.score <= one.upper_bound + 1e-9
+
+
+def test_known_optima() -> None:
+    """Two landmarks, one on each side of a wall of unit half width: the best pose looks at one of them (by hand)."""
+    rng = np.random.default_rng(0)
+    for model in MODELS:
+        for weight in (1.0, 3.0):
+            landmarks = Landmarks(np.array([[0.0, 0.0]]), np.array([weight]), np.array([[1.0, 0.0]]))
+            result = Exact().maximize(PoseProblem(model, landmarks, Region.box(-3, 3, -3, 3)), tolerance=1e-4, rng=rng)
+            assert result.score == pytest.approx(weight, abs=1e-4)
+    # the camera must stay 2 m away: 1/2, straight ahead
+    landmarks = Landmarks(np.array([[-2.0, 0.5]]), normals_W=np.array([[1.0, 0.0]]))
+    for model in MODELS:
+        result = Exact().maximize(PoseProblem(model, landmarks, Region.box(0, 3, 0, 1)), tolerance=1e-6, rng=rng)
+        assert result.score == pytest.approx(0.5, abs=1e-6)
+    # two landmarks 2 m apart: from between them neither beats sqrt(1/2) each at 45 degrees aside, r = 1 (hand: r cos = x)
+    both = Landmarks(np.array([[0.0, -1.0], [0.0, 1.0]]))
+    result = Exact().maximize(PoseProblem(Anisotropic(), both, Region.box(-3, 3, -3, 3)), tolerance=1e-6, rng=rng)
+    x = np.linspace(0.0, 3.0, 3001)
+    assert result.score >= (2.0 * x / (1.0 + x * x)).max() - 1e-6
+
+
+def test_the_interpreted_solver_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The control of the mutants: without a change neither check has anything to say."""
+    solver = mutated(monkeypatch)
+    for seed in range(3):
+        check_boxes(solver, seed=seed)
+    weaken_incumbents(monkeypatch, solver)
+    for seed in range(3):
+        check_solver(solver, seed=seed)
+
+
+BOX_MUTANTS = {
+    "no remainder": ("rest = remainder if useful else top", "rest = 0.0 if useful else top"),
+    "half the remainder": ("h2 * inverse * inverse * inverse if far", "0.5 * h2 * inverse * inverse * inverse if far"),
+    "remainder from the centre": ("h2 * inverse * inverse * inverse if far", "0.8 * h2 * r2 ** -1.5 if far"),
+    "nearest point ignores the box": ("dx = max(0.0, abs(qx) - hx)", "dx = abs(qx)"),
+    "no curvature for isotropic": ("curve = 0.5 * h2 * inverse", "curve = 0.0"),
+    "one corner left out": ("return max(max(pp, pm), max(mp, mm))", "return max(max(pp, pm), mp)"),
+    "centre instead of corners": ("return max(max(pp, pm), max(mp, mm))", "return 0.25 * (pp + pm + mp + mm)"),
+    "sector cut short": ("angle = turn * (psi + side * width)", "angle = turn * (psi + 0.5 * side * width)"),
+    "sector without its tip": ("outer = 1.0 / math.cos(turn * width)", "outer = 1.0"),
+    "thresholds twice": ("out[2, k] = w * (rest - columns[5, k])", "out[2, k] = w * (rest - 2.0 * columns[5, k])"),
+    "wrong sign of the change": ("yy = hy * (k2 * qy * qy - i)", "yy = -hy * (k2 * qy * qy - i)"),
+    "facing forgotten": ("facing = max(facing, mx * tx + my * ty)", "facing = min(1.0, mx * tx + my * ty)"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(BOX_MUTANTS))
+def test_a_wrong_bound_of_a_box_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = mutated(monkeypatch, *BOX_MUTANTS[name])
+    with pytest.raises(AssertionError, match="a box is bounded by"):
+        for seed in range(10):
+            check_boxes(solver, seed=seed)
+
+
+SOLVER_MUTANTS = {
+    "bounds understated by 5 %": ("child = min(child + rounding, bound)", "child = 0.95 * min(child + rounding, bound)"),
+    "one side of each cut": ("for side in (-1.0, 1.0):\n            for j in range(8):", "for side in (1.0,):\n            for j in range(8):"),
+    "half of the headings": ("psi = -math.pi + (2 * sector + 1) * width", "psi = -math.pi + (sector + 1) * width"),
+    "narrow sectors": ("middle, psi, *half, width, everything", "middle, psi, *half, 0.4 * width, everything"),
+    "centre outside, box dropped": (
+        "if math.hypot(qx - x, qy - y) > math.hypot(box[3], box[4]) + 1e-9:",
+        "if True:",
+    ),
+    "half of the region": ("0.5 * (x1 - x0), 0.5 * (y1 - y0))", "0.25 * (x1 - x0), 0.5 * (y1 - y0))"),
+    "closed boxes forgotten": ("upper = max(score, closed,", "upper = max(score,"),
+    "tolerance taken twice": ("if child <= best[0] + tolerance:", "if child <= best[0] + 2.0 * tolerance + 0.05:"),
+    "sectors lost": ("top, closed, evaluations = sectors,", "top, closed, evaluations = sectors // 2 + sectors % 2,"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(SOLVER_MUTANTS))
+def test_a_solver_that_claims_too_much_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = mutated(monkeypatch, *SOLVER_MUTANTS[name])
+    weaken_incumbents(monkeypatch, solver)
+    with pytest.raises(AssertionError, match="is claimed|the gap is"):
+        for seed in range(10):
+            check_solver(solver, seed=seed, tolerance=0.1)
+
+
+def test_a_lying_model_makes_a_wrong_proof_and_is_caught() -> None:
+    """The bound of a user's model is as good as its constants; the check needs none of them."""
+
+    class Lies(BlackBox):
+        @property
+        def lipschitz(self) -> tuple[float, float]:
+            return 0.02, 0.02
+
+    rng = np.random.default_rng(3)
+    landmarks = Landmarks(rng.uniform(-3, 3, (3, 2)))
+    problem = PoseProblem(Lies(Anisotropic()), landmarks, Region.box(-3, 3, -3, 3))
+    poor = Pose2(3.0, 3.0, 0.0)
+    result = blackbox.prove(problem, PoseResult(poor, problem.score(poor)), tolerance=0.02, limit=200_000)
+    assert result.status is Status.PROVED
+    with pytest.raises(AssertionError, match="is claimed"):
+        check_pose_result(problem, result, tolerance=0.02, rng=rng)
