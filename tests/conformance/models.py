@@ -31,7 +31,8 @@ class Spotlight:
     def visibility(self, poses: NDArray[np.float64], landmarks: Landmarks) -> NDArray[np.float64]:
         spot = poses[:, :2] + self.reach * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
         away = np.linalg.norm(landmarks.positions_W[None, :, :] - spot[:, None, :], axis=2)
-        return np.maximum(0.0, 1.0 - away / self.radius)
+        seen: NDArray[np.float64] = np.maximum(0.0, 1.0 - away / self.radius)
+        return seen
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class Lantern:
 
     def visibility(self, poses: NDArray[np.float64], landmarks: Landmarks) -> NDArray[np.float64]:
         square = ((landmarks.positions_W[None, :, :] - poses[:, None, :2]) ** 2).sum(axis=2)
-        return self.brightness * np.exp(-0.5 * square)
+        seen: NDArray[np.float64] = self.brightness * np.exp(-0.5 * square)
+        return seen
 
 
 @dataclass(frozen=True)

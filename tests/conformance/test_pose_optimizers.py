@@ -1,8 +1,7 @@
-"""The conformance suite for pose optimisers, over every optimiser; and optimisers with one fault, which it must find."""
+"""The conformance suite for pose optimisers, over every optimiser; and faulty ones, which it must find."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -112,7 +111,9 @@ def test_a_faulty_optimiser_is_found(fault: str, text: str) -> None:
         check_pose_optimizer(Faulty(fault))
 
 
-@pytest.mark.parametrize("optimizer", [Search(), Exact(), DifferentialEvolution()], ids=lambda optimizer: optimizer.name)
+@pytest.mark.parametrize(
+    "optimizer", [Search(), Exact(), DifferentialEvolution()], ids=lambda optimizer: optimizer.name
+)
 @pytest.mark.parametrize("offset", [1e3, 1e5, 5e6])
 def test_far_from_the_origin(optimizer: PoseOptimizer, offset: float) -> None:
     """Coordinates as map projections give them; the same scene at the origin scores the same up to rounding."""

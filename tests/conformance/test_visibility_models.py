@@ -18,7 +18,13 @@ from covey.testing.visibility import check_visibility_model, sampled_slopes
 
 DISTANCES = [0.01, 0.5, 1.0, 3.0, 1000.0]
 BUILT_IN: list[VisibilityModel] = [model(distance) for model in MODELS.values() for distance in DISTANCES]
-MINE: list[VisibilityModel] = [Spotlight(), Spotlight(0.0, 4.0), Spotlight(5.0, 0.2), Lantern(), BlackBox(Oriented(2.0))]
+MINE: list[VisibilityModel] = [
+    Spotlight(),
+    Spotlight(0.0, 4.0),
+    Spotlight(5.0, 0.2),
+    Lantern(),
+    BlackBox(Oriented(2.0)),
+]
 
 
 @pytest.mark.parametrize("model", [*BUILT_IN, *MINE], ids=repr)
@@ -114,7 +120,7 @@ def test_a_model_that_knows_the_world_may_say_so() -> None:
 
 
 def test_a_model_of_a_file_conforms(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py" 
+    path = tmp_path / "mine.py"
     path.write_text(
         "import numpy as np\n"
         "class Torch:\n"

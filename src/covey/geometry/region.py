@@ -150,7 +150,7 @@ class Region:
         return np.array(points, dtype=np.float64).reshape(n, 2)
 
     def _sample_triangles(self, n: int, *, rng: np.random.Generator) -> list[tuple[float, float]]:
-        """Draw n points uniformly where trial and error takes too long: in regions much smaller than their bounding box."""
+        """Draw n points uniformly where trial and error takes too long: where the bounding box is mostly empty."""
         import shapely
 
         if n <= 0:

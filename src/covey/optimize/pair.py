@@ -235,9 +235,9 @@ def _alternate(problem: PairProblem, present: float, *, rng: np.random.Generator
             )
             poses[i] = response.pose
             improved = problem.score((poses[0], poses[1]))
-            if turn and improved <= score + 1e-9:
+            gained, score = improved - score, improved
+            if turn and gained <= 1e-9:
                 break
-            score = improved
         if score > best_score:
             best, best_score = (poses[0], poses[1]), score
     return best, best_score

@@ -26,6 +26,8 @@ CELLS, MOST_CELLS, HEADINGS = 21, 61, 16
 """Positions along each side of the grid of poses, at least and at most, and headings at each."""
 
 LLOYD_ROUNDS = 100
+STARTS, NEARBY = 12, 0.5
+"""Starts of a refinement, and how far around the pose they lie, in optimal distances and radians."""
 
 
 def greedy_lloyd(mission: Mission, models: Sequence[VisibilityModel], *, rng: np.random.Generator) -> Baseline:
@@ -37,7 +39,7 @@ def greedy_lloyd(mission: Mission, models: Sequence[VisibilityModel], *, rng: np
     models : sequence of VisibilityModel
         Each agent's sensor.
     rng : numpy.random.Generator
-        Only used for sensors that are not built in.
+        Draws the starts of each refinement.
     """
     landmarks = mission.landmarks
     regions = [agent.region for agent in mission.agents]
@@ -80,13 +82,14 @@ def _greedy(
 
 
 def _grid(region: Region, unit: float) -> NDArray[np.float64]:
-    x0, x1, y0, y1 = region.bounds
+    corners = region.inset_edges[:, :2]
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     nx, ny = (min(MOST_CELLS, max(CELLS, math.ceil(2.0 * size / unit))) for size in (x1 - x0, y1 - y0))
     x, y, psi = np.meshgrid(
         np.linspace(x0, x1, nx), np.linspace(y0, y1, ny), 2 * math.pi / HEADINGS * np.arange(HEADINGS), indexing="ij"
     )
     poses = np.column_stack([x.ravel(), y.ravel(), psi.ravel()])
-    return poses[region.contains_points(poses[:, :2])]
+    return poses if region.is_box else poses[region.contains_points(poses[:, :2])]
 
 
 def _values(
@@ -106,21 +109,24 @@ def _values(
 def _refine(
     model: VisibilityModel, region: Region, landmarks: Landmarks, pose: Pose2, rng: np.random.Generator
 ) -> Pose2:
-    """Climb from where the agent is."""
+    """Climb from where the agent is and from places nearby."""
     if not len(landmarks):
         return pose
     problem = PoseProblem(model, landmarks, region)
     if not is_compiled(model):
         return blackbox.search(problem, start=pose, rng=rng).pose
+    unit = model.optimal_distance
+    starts = pose.as_array() + rng.normal(size=(STARTS, 3)) * np.array([unit, unit, 1.0]) * NEARBY
+    starts[0] = pose.as_array()
     _, found, _ = climb_all(
         np.array([int(model.kernel)]),
-        np.array([model.optimal_distance]),
+        np.array([unit]),
         landmark_columns(landmarks),
         region.inset_edges,
         np.array([0, len(region.inset_edges)]),
-        pose.as_array().reshape(1, 1, 3),
+        starts[:, None, :].copy(),
         CLIMB,
-        1,
+        3,
         POLISH,
         1e-9,
     )

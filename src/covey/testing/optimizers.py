@@ -88,8 +88,8 @@ def check_pose_result(
 ) -> None:
     """Check an answer to a pose problem against the problem alone.
 
-    The score is that of the pose, the pose lies in the region, the status says what the bound is worth, and no pose that
-    sampling and refining finds scores above the bound.
+    The score is that of the pose, the pose lies in the region, the status says what the bound is worth, and no pose
+    that sampling and refining finds scores above the bound.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def check_pose_result(
 def best_sample(
     problem: PoseProblem, near: Pose2, samples: int, *, rng: np.random.Generator
 ) -> tuple[float, NDArray[np.float64]]:
-    """Return the best (value, pose) among poses of the region: spread out, looking at landmarks, near one, and refined."""
+    """Return the best (value, pose) among poses of the region: spread out, at landmarks, near one, and refined."""
     landmarks, region = problem.landmarks, problem.region
     model = problem.model
     unit = model.maximum / model.lipschitz[0] if model.lipschitz[0] > 0.0 else 1.0
@@ -177,16 +177,18 @@ def sample_problems(
     """Yield (what is special, problem, start or None)."""
     usual = REGIONS["box"]()
 
-    def problem(landmarks: Landmarks, region: Region = usual, thresholds: NDArray[np.float64] | None = None) -> PoseProblem:
+    def problem(
+        landmarks: Landmarks, region: Region = usual, thresholds: NDArray[np.float64] | None = None
+    ) -> PoseProblem:
         return PoseProblem(model, landmarks, region, thresholds)
 
     for name, make in REGIONS.items():
         region = make()
         landmarks = _landmarks(rng.uniform(-4.0, 4.0, (12, 2)), rng)
-        start = Pose2(*region.sample(1, rng=rng)[0], rng.uniform(-math.pi, math.pi))
+        start = Pose2.from_array([*region.sample(1, rng=rng)[0], rng.uniform(-math.pi, math.pi)])
         yield f"region: {name}", problem(landmarks, region), start
     scattered = _landmarks(rng.uniform(-4.0, 4.0, (12, 2)), rng, weights=rng.uniform(0.0, 3.0, 12))
-    corner = Pose2(*usual.exterior[0], 1.0)
+    corner = Pose2.from_array([*usual.exterior[0], 1.0])
     yield "weights, start at a corner of the region", problem(scattered), corner
     yield "no start", problem(scattered), None
     yield "thresholds", problem(scattered, thresholds=rng.uniform(0.0, 1.0, 12)), corner

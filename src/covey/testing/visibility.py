@@ -15,7 +15,9 @@ STEPS = (1e-6, 1e-3, 0.1, 1.0, 10.0)
 """How far apart two poses are whose visibilities are compared, times the model's length and in radians."""
 
 
-def check_visibility_model(model: VisibilityModel, *, seed: int = 0, samples: int = 400, invariant: bool = True) -> None:
+def check_visibility_model(
+    model: VisibilityModel, *, seed: int = 0, samples: int = 400, invariant: bool = True
+) -> None:
     """Run every check of the suite on a visibility model.
 
     Parameters
@@ -53,7 +55,9 @@ def check_visibility_model(model: VisibilityModel, *, seed: int = 0, samples: in
 def check_attributes(model: VisibilityModel) -> None:
     """A name, whether normals are needed, a positive maximum, two Lipschitz constants of at least 0."""
     _require(isinstance(model.name, str) and bool(model.name), f"name: expected some text, got {model.name!r}")
-    _require(isinstance(model.needs_normals, bool), f"needs_normals: expected True or False, got {model.needs_normals!r}")
+    _require(
+        isinstance(model.needs_normals, bool), f"needs_normals: expected True or False, got {model.needs_normals!r}"
+    )
     finite = math.isfinite(model.maximum) and model.maximum > 0.0
     _require(finite, f"maximum: expected a finite number above 0, got {model.maximum!r}")
     _require(len(model.lipschitz) == 2, f"lipschitz: expected (per metre, per radian), got {model.lipschitz!r}")
@@ -115,7 +119,7 @@ def check_invariance(model: VisibilityModel, samples: int, *, rng: np.random.Gen
     poses = sample_poses(model, samples, landmarks, rng=rng)
     seen = model.visibility(poses, landmarks)
     for _ in range(3):
-        motion = Pose2(*(3.0 * _length(model) * rng.normal(size=2)), rng.uniform(-math.pi, math.pi))
+        motion = Pose2.from_array([*(3.0 * _length(model) * rng.normal(size=2)), rng.uniform(-math.pi, math.pi)])
         turn = Pose2(0.0, 0.0, motion.yaw)
         normals = None if landmarks.normals_W is None else turn.transform(landmarks.normals_W)
         moved = Landmarks(motion.transform(landmarks.positions_W), landmarks.weights, normals)
@@ -169,7 +173,7 @@ def sample_poses(
 
 
 def _length(model: VisibilityModel) -> float:
-    """Return the distance over which visibility can go from nothing to its maximum, metres: the scale of all samples."""
+    """Return the distance over which visibility can go from 0 to its maximum, metres: the scale of all samples."""
     per_metre = model.lipschitz[0]
     return model.maximum / per_metre if per_metre > 0.0 else 1.0
 

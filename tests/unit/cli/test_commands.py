@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -277,16 +278,21 @@ main()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_ctrl_c_while_there_is_nothing_to_keep_ends_at_once(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "mission.yaml")
-    command = [sys.executable, "-m", "covey", "plan", "mission.yaml"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
-        # opening the other end waits until the command reads the mission
-        with (tmp_path / "mission.yaml").open("w"):
-            process.send_signal(signal.SIGINT)
+    mission = tmp_path / "mission.yaml"
+    os.mkfifo(mission)
+    command = [sys.executable, "-m", "covey", "plan", str(mission), "--out", str(tmp_path / "r")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        writer = -1
+        while writer < 0 and process.poll() is None:
+            with contextlib.suppress(OSError):  # until the command opens its mission, whose other end this is
+                writer = os.open(mission, os.O_WRONLY | os.O_NONBLOCK)
+        process.send_signal(signal.SIGINT)
+        if writer >= 0:
+            os.close(writer)
         _, err = process.communicate()
-    assert process.returncode == 130
+    assert process.returncode == 130, err
     assert err == ""
-    assert not (tmp_path / "covey-out").exists()
+    assert not (tmp_path / "r").exists()
 
 
 def test_a_broken_pipe_is_quiet() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import types
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 
 from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
-from covey.optimize import PoseProblem, PoseResult, branch_and_bound
+from covey.optimize import PoseProblem, PoseResult, Status, branch_and_bound
 from covey.optimize.packing import landmark_columns
 from covey.sensing import Anisotropic, CompiledModel, Isotropic, Oriented, kernels
 from covey.testing.optimizers import check_pose_result
@@ -23,7 +23,9 @@ MODELS: list[CompiledModel] = [Anisotropic(), Oriented(), Isotropic()]
 def _interpreted(name: str, text: str, monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
     """Run a module's text without compiling its kernels."""
     lines = [line for line in text.splitlines() if not line.startswith("from covey.compiled import")]
-    lines.insert(lines.index("from __future__ import annotations") + 1, "kernel = fast_kernel = lambda function: function")
+    lines.insert(
+        lines.index("from __future__ import annotations") + 1, "kernel = fast_kernel = lambda function: function"
+    )
     module = types.ModuleType(name)
     monkeypatch.setitem(sys.modules, name, module)
     exec(compile("\n".join(lines), name, "exec"), vars(module))
@@ -32,12 +34,11 @@ def _interpreted(name: str, text: str, monkeypatch: pytest.MonkeyPatch) -> types
 
 def _source(module: types.ModuleType) -> str:
     assert module.__file__ is not None
-    with open(module.__file__, encoding="utf-8") as file:
-        return file.read()
+    return Path(module.__file__).read_text(encoding="utf-8")
 
 
 def mutated(monkeypatch: pytest.MonkeyPatch, old: str = "", new: str = "") -> Any:
-    """Return `branch_and_bound` in plain Python with the bounds of `kernels`, `old` replaced by `new` where it stands."""
+    """Return `branch_and_bound` in plain Python with the bounds of `kernels`, `old` replaced by `new`."""
     texts = {module.__name__: _source(module) for module in (kernels, branch_and_bound)}
     if old:
         assert sum(text.count(old) for text in texts.values()) == 1, f"expected {old!r} once in the sources"
@@ -61,16 +62,18 @@ def weaken_incumbents(monkeypatch: pytest.MonkeyPatch, solver: Any) -> None:
     monkeypatch.setattr(solver, "POLISH", 1)
 
 
-def check_boxes(solver: Any, *, seed: int, boxes: int = 60) -> None:
+def check_boxes(solver: Any, *, seeds: int, boxes: int = 60) -> None:
     """Check the bound of boxes of positions and headings against samples in them."""
-    rng = np.random.default_rng(seed)
-    for number in range(boxes):
+    for number in range(seeds * boxes):
+        rng = np.random.default_rng(number)
         model = MODELS[number % len(MODELS)]
         landmarks, thresholds = scene(rng, 10)
         columns = landmark_columns(landmarks, thresholds)
         half = 10.0 ** rng.uniform(-2.0, 0.3)
         width = rng.uniform(0.02, np.pi / 8)
-        box = np.array([*rng.normal(size=2), rng.uniform(-np.pi, np.pi), half, half * rng.uniform(0.2, 1.0), width, 0.0, 0.0])
+        box = np.array(
+            [*rng.normal(size=2), rng.uniform(-np.pi, np.pi), half, half * rng.uniform(0.2, 1.0), width, 0.0, 0.0]
+        )
         with np.errstate(all="ignore"):
             bound, _ = solver._box_bound(
                 int(model.kernel), columns, box, np.inf, np.empty((3, 2)), np.empty((9, len(landmarks)))
@@ -80,22 +83,24 @@ def check_boxes(solver: Any, *, seed: int, boxes: int = 60) -> None:
         poses = box[:3] + offsets * box[3:6]
         seen = model.visibility(poses, landmarks)
         scores = np.maximum(0.0, seen - thresholds) @ landmarks.weights
-        assert scores.max() <= bound + 1e-12, f"{model}: a box is bounded by {bound}, a pose in it scores {scores.max()}"
+        assert scores.max() <= bound + 1e-12, (
+            f"{model}: a box is bounded by {bound}, a pose in it scores {scores.max()}"
+        )
 
 
-def check_solver(solver: Any, *, seed: int, problems: int = 6, tolerance: float = 0.02) -> None:
+def check_solver(solver: Any, *, seeds: int, problems: int = 6, tolerance: float = 0.02) -> None:
     """Check the proofs of small problems against dense sampling."""
-    rng = np.random.default_rng(seed)
     hole = Region.polygon([[-2, -2], [2, -2], [2, 2], [-2, 2]], [[[-1, -1], [1, -1], [1, 1], [-1, 1]]])
     regions = [Region.box(-1.5, 1.5, -1.5, 1.5), hole, Region.polygon([[-2, -2], [2, -1], [1.5, 1]])]
-    for number in range(problems):
+    for number in range(seeds * problems):
+        rng = np.random.default_rng(number)
         landmarks, thresholds = scene(rng, 5)
         model = MODELS[number % len(MODELS)]
         problem = PoseProblem(model, landmarks, regions[rng.integers(3)], 0.5 * thresholds)
         with np.errstate(all="ignore"):
             result = solver.Exact(limit=20_000).maximize(problem, tolerance=tolerance, rng=rng)
         # its status is that of another module's enumeration
-        answer = PoseResult(result.pose, result.score, result.upper_bound, branch_and_bound.Status(result.status.value))
+        answer = PoseResult(result.pose, result.score, result.upper_bound, Status(result.status.value))
         check_pose_result(problem, answer, tolerance=tolerance, rng=rng, samples=800)
 
 
@@ -105,6 +110,3 @@ def scene(rng: np.random.Generator, n: int) -> tuple[Landmarks, np.ndarray[Any, 
     normals = np.column_stack([np.cos(bearing), np.sin(bearing)])
     landmarks = Landmarks(rng.normal(size=(n, 2)) * rng.uniform(0.3, 2.0), rng.uniform(0.2, 2.0, n), normals)
     return landmarks, np.where(rng.random(n) < 0.6, 0.0, rng.uniform(0.0, 0.6, n))
-
-
-Check = Callable[[Any], None]

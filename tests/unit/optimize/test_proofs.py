@@ -19,7 +19,14 @@ from covey.optimize import Exact, PoseProblem, PoseResult, Search, Status, black
 from covey.sensing import Anisotropic, CompiledModel, Isotropic, Oriented
 from covey.testing.optimizers import REGIONS, check_pose_result, pose_scores
 
-DENSE = np.array([(x, y, psi) for x in np.linspace(-4, 4, 81) for y in np.linspace(-4, 4, 81) for psi in np.linspace(-math.pi, math.pi, 48, endpoint=False)])
+DENSE = np.array(
+    [
+        (x, y, psi)
+        for x in np.linspace(-4, 4, 81)
+        for y in np.linspace(-4, 4, 81)
+        for psi in np.linspace(-math.pi, math.pi, 48, endpoint=False)
+    ]
+)
 
 
 @pytest.mark.parametrize("model", [Anisotropic(), Anisotropic(0.4), Oriented(1.5), Isotropic(0.7)], ids=repr)
@@ -97,7 +104,7 @@ def test_two_provers_agree(model: CompiledModel, seeds: Callable[[int, int], ran
             known = Search().maximize(problem, rng=rng)
             two = blackbox.prove(problem, known, tolerance=0.2, limit=400_000)
             assert one.status is Status.PROVED
-            assert two.gap < 0.5  # in steps of landmarks it is slow: enough that both speak of the same optimum
+            assert two.gap < 0.4 * landmarks.weights.sum()  # it is slow: enough that the two can disagree
             assert one.score <= two.upper_bound + 1e-9
             assert two.score <= one.upper_bound + 1e-9
 
@@ -125,11 +132,9 @@ def test_known_optima() -> None:
 def test_the_interpreted_solver_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     """The control of the mutants: without a change neither check has anything to say."""
     solver = mutated(monkeypatch)
-    for seed in range(3):
-        check_boxes(solver, seed=seed)
+    check_boxes(solver, seeds=3)
     weaken_incumbents(monkeypatch, solver)
-    for seed in range(3):
-        check_solver(solver, seed=seed)
+    check_solver(solver, seeds=3)
 
 
 BOX_MUTANTS = {
@@ -152,13 +157,18 @@ BOX_MUTANTS = {
 def test_a_wrong_bound_of_a_box_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     solver = mutated(monkeypatch, *BOX_MUTANTS[name])
     with pytest.raises(AssertionError, match="a box is bounded by"):
-        for seed in range(10):
-            check_boxes(solver, seed=seed)
+        check_boxes(solver, seeds=10)
 
 
 SOLVER_MUTANTS = {
-    "bounds understated by 5 %": ("child = min(child + rounding, bound)", "child = 0.95 * min(child + rounding, bound)"),
-    "one side of each cut": ("for side in (-1.0, 1.0):\n            for j in range(8):", "for side in (1.0,):\n            for j in range(8):"),
+    "bounds understated by 5 %": (
+        "child = min(child + rounding, bound)",
+        "child = 0.95 * min(child + rounding, bound)",
+    ),
+    "one side of each cut": (
+        "for side in (-1.0, 1.0):\n            for j in range(8):",
+        "for side in (1.0,):\n            for j in range(8):",
+    ),
     "half of the headings": ("psi = -math.pi + (2 * sector + 1) * width", "psi = -math.pi + (sector + 1) * width"),
     "narrow sectors": ("middle, psi, *half, width, everything", "middle, psi, *half, 0.4 * width, everything"),
     "centre outside, box dropped": (
@@ -177,8 +187,7 @@ def test_a_solver_that_claims_too_much_is_caught(name: str, monkeypatch: pytest.
     solver = mutated(monkeypatch, *SOLVER_MUTANTS[name])
     weaken_incumbents(monkeypatch, solver)
     with pytest.raises(AssertionError, match="is claimed|the gap is"):
-        for seed in range(10):
-            check_solver(solver, seed=seed, tolerance=0.1)
+        check_solver(solver, seeds=10, tolerance=0.1)
 
 
 def test_a_lying_model_makes_a_wrong_proof_and_is_caught() -> None:

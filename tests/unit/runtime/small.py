@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -68,8 +69,8 @@ def check_deployment(deployment: Deployment) -> None:
     owned = np.concatenate([agent.landmarks for agent in deployment.agents])
     assert np.array_equal(np.sort(owned), np.arange(n)), "the partition is not disjoint and complete"
     scores = [entry.score for entry in deployment.history]
-    assert all(later >= earlier - 1e-9 for earlier, later in zip(scores, scores[1:], strict=False)), "the score fell"
-    assert deployment.score.final == scores[-1]
+    assert all(later >= earlier - 1e-9 for earlier, later in pairwise(scores)), "the score fell"
+    assert abs(deployment.score.final - scores[-1]) <= 1e-12 * max(1.0, scores[-1])
     assert deployment.score.initial == scores[0]
     total = sum(agent.score for agent in deployment.agents)
     assert abs(total - deployment.score.final) <= 1e-9 * max(1.0, total)

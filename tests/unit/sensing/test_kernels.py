@@ -92,12 +92,11 @@ def test_the_sum_of_gains_is_that_of_the_single_ones(seed: int, name: str, dista
         np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-9)
 
 
-def bound_at(
-    out: NDArray[np.float64], offset: NDArray[np.float64], psi: float, *, turn: float
-) -> NDArray[np.float64]:
+def bound_at(out: NDArray[np.float64], offset: NDArray[np.float64], psi: float, *, turn: float) -> NDArray[np.float64]:
     """Right side of what `linear_bounds` promises, for every landmark, at one offset and heading."""
     a, b, c = (out[i] + offset[0] * out[3 + i] + offset[1] * out[6 + i] for i in range(3))
-    return np.maximum(0.0, a * math.cos(turn * psi) + b * math.sin(turn * psi) + c)
+    parts: NDArray[np.float64] = np.maximum(0.0, a * math.cos(turn * psi) + b * math.sin(turn * psi) + c)
+    return parts
 
 
 @given(
@@ -136,7 +135,14 @@ def test_linear_bounds_hold_for_each_landmark_offset_and_heading(
     )
     out = np.empty((9, n))
     slack = linear_bounds(
-        int(model.kernel), landmark_columns(landmarks, thresholds), *centre, *size, vertices, out
+        int(model.kernel),
+        landmark_columns(landmarks, thresholds),
+        centre[0],
+        centre[1],
+        size[0],
+        size[1],
+        vertices,
+        out,
     )
     assert np.isfinite(out).all()
     assert slack >= 0.0

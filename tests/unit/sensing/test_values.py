@@ -15,7 +15,9 @@ from covey.testing.visibility import sample_landmarks, sample_poses
 R = math.sqrt(0.5)
 
 
-def see(model: VisibilityModel, pose: tuple[float, float, float], point: tuple[float, float], normal: float = 0.0) -> float:
+def see(
+    model: VisibilityModel, pose: tuple[float, float, float], point: tuple[float, float], normal: float = 0.0
+) -> float:
     """Visibility of one landmark whose outward normal has this bearing, radians."""
     landmarks = Landmarks(np.array([point]), normals_W=np.array([[math.cos(normal), math.sin(normal)]]))
     return float(model.visibility(np.array([pose]), landmarks)[0, 0])
@@ -128,7 +130,11 @@ def test_oriented_needs_normals() -> None:
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("thermal", "expected one of anisotropic"), ("no.such.module:Model", "cannot be loaded"), ("gone.py:Model", "gone.py")],
+    [
+        ("thermal", "expected one of anisotropic"),
+        ("no.such.module:Model", "cannot be loaded"),
+        ("gone.py:Model", "gone.py"),
+    ],
 )
 def test_an_unknown_model_is_refused(name: str, text: str) -> None:
     with pytest.raises(InputError, match=text):
