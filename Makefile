@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input -q
 SOURCES := src tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak check format bench lock clean
+.PHONY: help setup demo test soak check format bench images lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -38,6 +38,11 @@ format: setup  ## format the sources and mend what the linter can
 
 bench: setup  ## print the benchmarks as JSON
 	@$(BIN)/python benchmarks/run.py
+
+images: setup  ## draw the pictures of the documentation anew
+	$(BIN)/covey plan examples/thesis-5.1.yaml --out build/images --bound --baseline --quiet --force
+	cp build/images/deployment.png docs/images/deployment.png
+	$(BIN)/covey heatmap --out docs/images/visibility.png --force
 
 lock: setup  ## pin the requirements anew
 	$(BIN)/uv pip compile pyproject.toml requirements/dev.in --output-file requirements/dev.txt --upgrade \

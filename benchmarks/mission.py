@@ -1,4 +1,4 @@
-"""Whole missions: the thesis's trade with `search` and with differential evolution, and pairwise trade beside the baseline."""
+"""Whole missions: thesis's trade with `search` and with differential evolution, pairwise trade beside the baseline."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from covey.mission import Mission, load_mission
+from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.plan import plan
 from covey.runtime.result import Deployment
 
@@ -34,7 +34,10 @@ def thesis(quick: bool) -> dict[str, Any]:
     mission = load_mission(EXAMPLES / "thesis-5.1.yaml")
     seeds = range(8 if quick else 40)
     runs = [timed(mission, seed=seed, trade="thesis") for seed in seeds]
-    compared = [(seed, *timed(mission, seed=seed, trade="thesis", optimizer="differential-evolution")) for seed in seeds[: 2 if quick else 10]]
+    compared = [
+        (seed, *timed(mission, seed=seed, trade="thesis", optimizer="differential-evolution"))
+        for seed in seeds[: 2 if quick else 10]
+    ]
     search_s = sum(runs[seed][0] for seed, _, _ in compared)
     search_n = sum(runs[seed][1].pose_optimizations for seed, _, _ in compared)
     evolution_s = sum(seconds for _, seconds, _ in compared)
@@ -91,8 +94,6 @@ def bound(name: str) -> dict[str, Any]:
 def large(quick: bool) -> dict[str, Any]:
     """64 agents and 10,000 landmarks; 16 and 2,500 when it has to be quick."""
     side, agents = (12.5, 16) if quick else (25.0, 64)
-    from covey.mission import parse_mission
-
     text = f"""
 schema_version: 1
 name: large

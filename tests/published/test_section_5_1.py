@@ -20,8 +20,8 @@ Seeds = Callable[[int, int], range]
 def test_the_rise_of_the_score(root: Path) -> None:
     """Means of 40 seeds against the four scores of the reference, which a separate implementation gave.
 
-    The thesis prints one draw: 21.39, 72.55, 79.89, 118.99.  Single runs spread by about 2.3, 1.3, 2.9 and 1.9 (standard
-    deviation), so means of 40 spread by 0.45 at most: 1.5 is more than three times that.
+    The thesis prints one draw: 21.39, 72.55, 79.89, 118.99.  Single runs spread by about 2.3, 1.3, 2.9 and 1.9
+    (standard deviation), so means of 40 spread by 0.45 at most: 1.5 is more than three times that.
     """
     mission = load_mission(root / "examples" / "thesis-5.1.yaml")
     scores = [plan(mission, seed=seed, trade="thesis").score for seed in range(40)]
@@ -66,8 +66,8 @@ def test_pairwise_trades_beat_the_baseline(
 def test_the_baseline(name: str, greedy: float, lloyd: float, root: Path) -> None:
     """Greedy on a 21 x 21 x 16 grid, then Lloyd with local refinement: one value each, no seed.
 
-    Ours leaves out the edge of the region by a hair, and equal poses of the symmetric scene are broken in another order,
-    which the later agents' places depend on: within 1 %.
+    Ours leaves out the edge of the region, and ties of the symmetric scene are broken in another order, on which the
+    later agents' places depend: within 1 %.
     """
     mission = load_mission(root / "examples" / f"{name}.yaml")
     models = build_models(mission)

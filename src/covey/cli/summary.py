@@ -65,9 +65,8 @@ def certificate_line(certificate: Certificate) -> str:
     """Say in a line what a certificate says."""
     if certificate.holds:
         return (
-            f"holds for sigma = {certificate.sigma:g}: one owner a landmark, no pose better by more than "
-            f"{certificate.worst_pose_gap:.2g}, no landmark better seen by another by more than "
-            f"{certificate.worst_trade_gain:.2g}"
+            f"holds for sigma = {certificate.sigma:g}: one owner a landmark, poses within "
+            f"{certificate.worst_pose_gap:.2g} of the best, no trade gains more than {certificate.worst_trade_gain:.2g}"
         )
     return f"VIOLATED for sigma = {certificate.sigma:g}: {_count(len(certificate.violations), 'violation')}"
 
@@ -136,7 +135,7 @@ def _agents(deployment: Deployment, *, plain: bool) -> RenderableType:
     table.add_column("")
     table.add_column("agent", max_width=24, no_wrap=True)
     for head in ("x [m]", "y [m]", f"yaw [{degrees}]", "landmarks", "score"):
-        table.add_column(head, justify="right", no_wrap=True)
+        table.add_column(Text(head), justify="right", no_wrap=True)
     palette = colours([agent.name for agent in deployment.agents])
     arrows = ASCII_ARROWS if plain else ARROWS
     for number, (agent, colour) in enumerate(zip(deployment.agents, palette, strict=True), start=1):

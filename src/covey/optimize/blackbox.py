@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,14 @@ def _near_landmarks(problem: PoseProblem, count: int, *, rng: np.random.Generato
     return np.column_stack([x, y, bearing + aside])
 
 
-def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: int) -> PoseResult:
+def prove(
+    problem: PoseProblem,
+    known: PoseResult,
+    *,
+    tolerance: float,
+    limit: int,
+    cancelled: Callable[[], bool] | None = None,
+) -> PoseResult:
     """Best-first branch and bound on ``vis(A') <= min(maximum, vis(A) + L_p |p' - p| + L_psi |psi' - psi|)``.
 
     The number of boxes grows like a power of 1/tolerance, so it stops after `limit` / 10 boxes with the bound it has.
@@ -105,6 +113,8 @@ def prove(problem: PoseProblem, known: PoseResult, *, tolerance: float, limit: i
     closed, evaluations = -math.inf, known.evaluations
     rounding = 1e-13 * len(landmarks) * (1.0 + everything)
     while heap and -heap[0][0] > best + tolerance and evaluations < limit / 10:
+        if cancelled is not None and cancelled():
+            break
         parents = np.array([heapq.heappop(heap)[1] for _ in range(min(BATCH, len(heap)))])
         reach = parents[:, 3:] * np.array([per_metre, per_metre, per_radian])
         rows, axis = np.arange(len(parents)), reach.argmax(axis=1)

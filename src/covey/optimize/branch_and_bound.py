@@ -222,7 +222,7 @@ class Exact:
         model = problem.model
         known = Search().maximize(problem, start=start, tolerance=tolerance, rng=rng)
         if not is_compiled(model):
-            return blackbox.prove(problem, known, tolerance=tolerance, limit=self.limit)
+            return blackbox.prove(problem, known, tolerance=tolerance, limit=self.limit, cancelled=self.cancelled)
         unit = model.optimal_distance
         columns = landmark_columns(problem.landmarks, problem.thresholds)
         columns[:2] /= unit
@@ -250,5 +250,12 @@ class Exact:
         if best[0] > known.score:
             pose = Pose2(best[1] * unit, best[2] * unit, best[3])
         score = problem.score(pose)
-        upper = max(score, closed, float(stack[:top, 6].max()) if top else -math.inf)
+        # a box that is kept is not bounded to the end; those that are left here are
+        rounding = 1e-13 * columns.shape[1] * max(1.0, best[0])
+        vertices, lines = np.empty((3, 2)), np.empty((9, columns.shape[1]))
+        left = [
+            min(box[6], _box_bound(int(model.kernel), columns, box, math.inf, vertices, lines)[0])
+            for box in stack[:top]
+        ]
+        upper = max(score, closed, max(left, default=-math.inf) + rounding)
         return PoseResult(pose, score, upper, Status.PROVED if top == 0 else Status.BUDGET, evaluations)

@@ -26,7 +26,6 @@ from covey.optimize.search import POLISH, candidate_poses, spread
 from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 from covey.sensing.kernels import visibility_gradients
 
-
 MANY = 200
 LEAST_STARTS = 12
 """Above this many landmarks fewer pairs are climbed from, in proportion, but at least so many."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +45,8 @@ def prove_poses(
     agents : sequence of int
         Whose poses to prove.
     on_done : callable, optional
-        Called with the number of proofs done.
+        Called with the number of proofs done, ten times a second at least; raises what shall end it.
     """
-
     stop = threading.Event()
     exact = Exact(cancelled=stop.is_set)
 
@@ -58,18 +57,21 @@ def prove_poses(
         tolerance = 0.5 * mission.coverage.sigma
         return exact.maximize(problem, start=start, tolerance=tolerance, rng=generator(seed, Stream.PROOF, agent))
 
-    results: dict[int, PoseResult] = {}
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        futures = [pool.submit(prove, agent) for agent in agents]
+        pending = set(futures)
         try:
-            for agent, result in zip(agents, pool.map(prove, agents), strict=True):
-                results[agent] = result
+            while pending:
+                done, pending = wait(pending, timeout=0.1, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
                 if on_done is not None:
-                    on_done(len(results))
+                    on_done(len(futures) - len(pending))
         except BaseException:
             stop.set()
             pool.shutdown(cancel_futures=True)
             raise
-    return results
+    return {agent: future.result() for agent, future in zip(agents, futures, strict=True)}
 
 
 def build_certificate(

@@ -87,8 +87,8 @@ def gain_gradient(
 ) -> float:
     """Sum of ``w_k max(0, vis - lambda_k)`` over all landmarks from one pose, and its gradient.
 
-    The formulas are those of `visibility_gradients`, whose arguments these are; summing on the way saves the trip through
-    memory.  `gradient`, shape (3,), is overwritten: by the position in optimal distances, and by the heading.
+    The formulas are those of `visibility_gradients`, whose arguments these are; summing on the way saves the trip
+    through memory.  `gradient`, shape (3,), is overwritten: by the position in optimal distances, and by the heading.
     """
     total = gx = gy = gt = 0.0
     for k in range(landmarks.shape[1]):

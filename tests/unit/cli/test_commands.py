@@ -349,6 +349,7 @@ def test_summary(
     text = stream.getvalue()
     assert ("\x1b[" in text) is colour
     assert f"{deployment.score.final:.2f} (end)" in text
+    assert "x [m]" in text
     if options.get("side") != 1:
         assert ("▀" in text) is colour
 
