@@ -1,4 +1,4 @@
-# Everything a developer or CI runs.  Needs git, make and Python 3.11 or later; the rest goes into .venv.
+# Everything a developer or CI runs.  Needs git, make and Python 3.11, 3.12 or 3.13; the rest goes into .venv.
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -54,8 +54,8 @@ clean:  ## remove the virtual environment and everything built
 
 # Made anew whenever the pins change, so that it holds exactly what they name.
 $(VENV)/.requirements: requirements/dev.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	    { echo "covey needs Python 3.11 or later; choose one with: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
+	    { echo "covey needs Python 3.11, 3.12 or 3.13; choose one with: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 	    { echo "this Python cannot make virtual environments; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)

@@ -23,8 +23,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from covey.coverage import TeamBound
-    from covey.coverage.certificate import Certificate, Violation
+    from covey.coverage.certificate import Certificate, TeamBound, Violation
     from covey.environment import GeoReference, Landmarks
     from covey.errors import (
         ArgumentError,
@@ -66,7 +65,7 @@ _HOMES = {
     "Region": "covey.geometry",
     "ResultError": "covey.errors",
     "SolverError": "covey.errors",
-    "TeamBound": "covey.optimize.team_bound",
+    "TeamBound": "covey.coverage.certificate",
     "Violation": "covey.coverage.certificate",
     "VisibilityModel": "covey.sensing.base",
     "certify": "covey.runtime.certify",

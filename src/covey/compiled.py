@@ -23,7 +23,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 FASTMATH = frozenset({"reassoc", "nsz", "arcp", "contract"})
-"""For local search only: sums may be reordered so that they run in vector registers.  Proofs never use it."""
+"""Sums may be reordered so that they run in vector registers; proofs allow for the rounding of any order."""
 
 _PACKAGES = ("geometry", "sensing", "optimize")
 
@@ -33,7 +33,7 @@ def cache_directory() -> str:
     """Return the folder of the compiled kernels: below NUMBA_CACHE_DIR or the user's cache folder."""
     digest = hashlib.sha256(f"{platform.python_version()} {numba.__version__} {platform.machine()}".encode())
     root = Path(__file__).parent
-    for source in sorted(path for package in _PACKAGES for path in (root / package).glob("*.py")):
+    for source in [Path(__file__), *sorted(path for package in _PACKAGES for path in (root / package).glob("*.py"))]:
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
     given = os.environ.get("NUMBA_CACHE_DIR")

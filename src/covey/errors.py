@@ -9,6 +9,9 @@
     │   └── ResultError           a result directory: missing, incomplete or inconsistent
     ├── OutputError               the output cannot be written, or would overwrite something
     └── SolverError               an optimiser could not do what it promises
+
+Exit codes of the command line: 0 success, 1 the deployment violates its certificate, 2 bad input, usage or output,
+3 an optimiser failed, 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -85,4 +88,4 @@ class OutputError(CoveyError):
 class SolverError(CoveyError):
     """An optimiser could not do what it promises."""
 
-    exit_code = 1
+    exit_code = 3

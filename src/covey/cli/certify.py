@@ -7,11 +7,15 @@ from typing import Annotated
 
 import typer
 
-VIOLATED = 1
+from covey.cli.paths import named_path
+from covey.cli.plan import VIOLATED
 
 
 def certify(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A result directory that `covey plan` wrote.")],
+    directory: Annotated[
+        Path,
+        typer.Argument(parser=named_path, metavar="DIR", help="A result directory that `covey plan` wrote."),
+    ],
     bound: Annotated[bool, typer.Option("--bound", help="Prove what no deployment of this team can exceed.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the certificate as JSON, nothing else.")] = False,
 ) -> None:
@@ -19,7 +23,8 @@ def certify(
 
     It holds when every landmark has exactly one owner, every pose is within sigma of the best one for its landmarks,
     and no landmark is better seen by another agent by more than sigma. Exit code: 0 it holds, 1 it is violated,
-    2 there is no result to check.
+    2 there is no result to check, 3 a bound is asked for and an optimiser failed, for example since a sensor is not
+    built in. A deployment that leaves out landmarks, owns some twice or leaves its region has no bound to compare with.
 
     [bold]Examples[/bold]
 
@@ -29,6 +34,7 @@ def certify(
     """
     from covey.cli.progress import ProgressLine
     from covey.cli.summary import bound_line, certificate_line, printable
+    from covey.errors import ResultError, SolverError
     from covey.runtime.document import bound_document, certificate_document, to_text
     from covey.runtime.record import read_result
 
@@ -38,8 +44,12 @@ def certify(
     from covey.runtime.certify import certify as check
 
     with ProgressLine() as progress:
-        team_bound = bound_team(deployment, on_progress=progress) if bound else None
         certificate = check(deployment, on_progress=progress)
+        team_bound, failure = None, None
+        try:
+            team_bound = bound_team(deployment, on_progress=progress) if bound else None
+        except (ResultError, SolverError) as error:  # the certificate must not be lost with it
+            failure = error
     if json:
         document = {
             "certificate": certificate_document(certificate),
@@ -52,5 +62,9 @@ def certify(
             typer.echo(f"  {violation.kind}: {printable(violation.message)}")
         if team_bound is not None:
             typer.echo(f"{'Bound':<10}{bound_line(team_bound)}")
+    if isinstance(failure, SolverError):
+        raise failure
+    if failure is not None:
+        typer.echo(f"{'Bound':<10}left out: {printable(str(failure))}", err=json)
     if not certificate.holds:
         raise typer.Exit(VIOLATED)

@@ -7,6 +7,9 @@ from typing import Annotated
 
 import typer
 
+LONGEST = 1e7
+"""Optimal distance, metres; as in mission files."""
+
 
 def heatmap(
     model: Annotated[
@@ -31,6 +34,12 @@ def heatmap(
     """
     from covey.mission import SensorSpec
     from covey.runtime.reproduce import draw_heatmap
+
+    if optimal_distance_m is not None and not 0.0 < optimal_distance_m <= LONGEST:
+        raise typer.BadParameter(
+            f"expected a number above 0 and at most {LONGEST:,.0f}, got {optimal_distance_m:g}",
+            param_hint="'--optimal-distance-m'",
+        )
 
     options = {} if optimal_distance_m is None else {"optimal_distance": optimal_distance_m}
     name = "".join(character if character.isalnum() else "-" for character in model.rpartition(":")[2])

@@ -10,18 +10,28 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from covey.cli.interrupt import INTERRUPTED, Interruption
+from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.mission import Mission
     from covey.runtime.result import Deployment, Progress
 
+VIOLATED = 1
+"""Exit code for a deployment whose certificate does not hold."""
+
 
 def plan(
-    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="Mission file: YAML, TOML or JSON.")],
+    mission: Annotated[
+        Path, typer.Argument(parser=named_path, metavar="MISSION", help="Mission file: YAML, TOML or JSON.")
+    ],
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness, instead of the mission's.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write the result; by default a new directory in covey-out/."),
+        typer.Option(
+            parser=named_path,
+            metavar="DIR",
+            help="Where to write the result; by default a new directory in covey-out/.",
+        ),
     ] = None,
     trade: Annotated[
         Literal["thesis", "pairwise"] | None, typer.Option(help="How two agents trade, instead of the mission's way.")
@@ -42,6 +52,9 @@ def plan(
 
     The result directory gets result.json, agents.csv, deployment.png, deployment.pdf and, for missions on the map,
     deployment.geojson. Ctrl-C ends the planning early and keeps what is known by then.
+
+    Exit code: 0 the deployment is proved, 1 its certificate does not hold, 2 bad input or the result cannot be
+    written, 3 an optimiser failed, for example a bound for a sensor that is not built in, 130 Ctrl-C.
 
     [bold]Examples[/bold]
 
@@ -80,10 +93,22 @@ def plan(
     _show(deployment, target, json=json, quiet=quiet, written=failure is None)
     if failure is not None:
         raise failure
+    certificate = deployment.certificate
+    violated = certificate is not None and not certificate.holds
+    if certificate is not None and violated:
+        count = len(certificate.violations)
+        typer.echo(f"covey: the certificate does not hold, violations: {count}; they are in {target}", err=True)
     if deployment.status.value == "interrupted":
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
-    if interruption.noted or deployment.status.value == "interrupted":
         raise typer.Exit(INTERRUPTED)
+    if interruption.noted:
+        asked = (("bound", bound, deployment.bound), ("baseline", baseline, deployment.baseline))
+        missing = " and the ".join(name for name, wanted, found in asked if wanted and found is None)
+        if missing:
+            typer.echo(f"covey: interrupted; planning had settled and is in {target}, without the {missing}", err=True)
+        raise typer.Exit(INTERRUPTED)
+    if violated:
+        raise typer.Exit(VIOLATED)
 
 
 def _plan(mission: Mission, interruption: Interruption, *, quiet: bool, **options: Any) -> Deployment:

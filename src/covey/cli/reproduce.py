@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from covey.cli.interrupt import INTERRUPTED, Interruption
+from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.runtime.result import Progress
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 def reproduce(
     what: Annotated[Literal["thesis-5.1"], typer.Argument(metavar="WHAT", help="What to reproduce: thesis-5.1.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where to; by default a new directory in covey-out/.")
+        Path | None,
+        typer.Option(parser=named_path, metavar="DIR", help="Where to; by default a new directory in covey-out/."),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many random initial assignments.")] = 40,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,

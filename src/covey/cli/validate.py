@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from covey.cli.paths import named_path
+
 if TYPE_CHECKING:
     from covey.mission import Mission, SensorSpec
 
 
 def validate(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Mission files: YAML, TOML or JSON.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(parser=named_path, metavar="FILE...", help="Mission files: YAML, TOML or JSON."),
+    ],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Report every mistake in mission files at once, or say what is in them."""
@@ -23,6 +28,7 @@ def validate(
     findings: list[dict[str, Any]] = []
     for file in files:
         try:
+            _check_regular(file)
             mission = load_mission(file)
         except MissionError as error:
             mistakes = [vars(mistake) for mistake in error.mistakes]
@@ -41,6 +47,18 @@ def validate(
         typer.echo(json_module.dumps({"valid": valid, "files": findings}, indent=2, ensure_ascii=False))
     if not valid:
         raise typer.Exit(2)
+
+
+def _check_regular(file: Path) -> None:
+    """Refuse a pipe or a device, which may never end; what is missing or a directory, reading reports."""
+    from covey.errors import MissionError, Mistake
+
+    try:
+        endless = file.exists() and not file.is_file() and not file.is_dir()
+    except OSError:  # reading says why
+        return
+    if endless:
+        raise MissionError((Mistake(str(file), None, None, "", "expected a regular file, got a pipe or a device"),))
 
 
 def summary(mission: Mission) -> dict[str, str]:

@@ -21,7 +21,8 @@ class Violation:
     kind : str
         ``incomplete`` (a landmark without owner), ``overlap`` (with several), ``region`` (a pose outside its region),
         ``pose`` (a better pose exists), ``unproved`` (the proof of a pose ran out of budget), ``trade`` (another agent
-        sees a landmark better), ``score`` (a score that is stated is not what the poses give).
+        sees a landmark better), ``score`` (a score that is stated, of an agent, of the team or at the end of the
+        history, is not what the poses give), ``bound`` (the bound that is stated lies below the stated score).
     agents : tuple of str
         Who is concerned.
     landmark : int or None

@@ -79,5 +79,9 @@ class Landmarks:
 
     def subset(self, indices: NDArray[np.int64]) -> Landmarks:
         """Return the landmarks with these indices, shape (k,), in their order."""
-        normals = None if self.normals_W is None else self.normals_W[indices]
-        return Landmarks(self.positions_W[indices], self.weights[indices], normals, self.cell_size)
+        part = object.__new__(Landmarks)  # what is a part of valid landmarks need not be checked again
+        object.__setattr__(part, "positions_W", self.positions_W[indices])
+        object.__setattr__(part, "weights", self.weights[indices])
+        object.__setattr__(part, "normals_W", None if self.normals_W is None else self.normals_W[indices])
+        object.__setattr__(part, "cell_size", self.cell_size)
+        return part

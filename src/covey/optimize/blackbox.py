@@ -1,7 +1,8 @@
 """Pose problems for models of which only values and Lipschitz constants are known: a user's own.
 
 Slower than the compiled models, and the same promises: `search` never returns less than its start, `prove` returns an
-upper bound that holds as long as the model's `maximum` and `lipschitz` are true.
+upper bound that holds as long as the model's `maximum` and `lipschitz` are true (it raises where they are seen not to
+be).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.errors import SolverError
 from covey.geometry import Pose2
 from covey.optimize.base import PoseProblem, PoseResult, Status
 
@@ -101,6 +103,11 @@ def prove(
     """Best-first branch and bound on ``vis(A') <= min(maximum, vis(A) + L_p |p' - p| + L_psi |psi' - psi|)``.
 
     The number of boxes grows like a power of 1/tolerance, so it stops after `limit` / 10 boxes with the bound it has.
+
+    Raises
+    ------
+    SolverError
+        If a pose scores more than the bound over all poses: then `maximum` or `lipschitz` is not true.
     """
     region, model, landmarks = problem.region, problem.model, problem.landmarks
     x0, x1, y0, y1 = region.bounds
@@ -144,7 +151,15 @@ def prove(
             else:
                 closed = max(closed, float(bound))
     score = problem.score(pose)
-    upper_bound = max(score, closed, -heap[0][0] if heap else -math.inf)
+    upper_bound = max(closed, -heap[0][0] if heap else -math.inf)
+    # regions hold their points to a micrometre
+    slack = 1e-9 * (1.0 + everything) + 2e-6 * per_metre * float(landmarks.weights.sum())
+    if score > min(upper_bound, everything) + slack:
+        raise SolverError(
+            f"sensor model {model.name!r}: a pose scores {score:.9g}, but by its maximum and its lipschitz no pose can "
+            f"score more than {min(upper_bound, everything):.9g}: they are too low"
+        )
+    upper_bound = max(score, upper_bound)
     proved = upper_bound <= score + tolerance * (1.0 + 1e-9)
     return PoseResult(pose, score, upper_bound, Status.PROVED if proved else Status.BUDGET, evaluations)
 

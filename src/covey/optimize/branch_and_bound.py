@@ -30,6 +30,12 @@ from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
 CUT = 1.0
 """The heading of a box is cut when it overestimates more than this times what the position does."""
 
+SMALLEST = 1e-10
+"""Boxes smaller than this times the region are not cut."""
+
+BRIEF = Search(anchors=32, starts=8, keep=2)
+"""What looks for a better pose before the proof of one that is known; the proof itself finds what is left."""
+
 SECTORS = 8
 STACK = 20_000
 CHUNK = 20_000_000
@@ -100,6 +106,8 @@ def _branch(
     top: int,
     closed: float,
     polish: int,
+    rounding: float,
+    smallest: float,
 ) -> tuple[int, float, int]:
     """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of a closed one, bounds).
 
@@ -115,12 +123,15 @@ def _branch(
         Open boxes: x, y, heading, their half sizes, bound, whether the heading is cut next.
     closed : float
         Highest bound of a box closed so far.
+    rounding : float
+        What is added to every bound.
+    smallest : float
+        Half size of a box, optimal distances and radians, that is not cut any more: rounding is all that is left.
     """
     bounds = 0
     n = columns.shape[1]
     lines = np.empty((9, n))
     vertices = np.empty((3, 2))
-    rounding = 1e-13 * n * max(1.0, best[0])
     kinds = np.zeros(1, dtype=np.int64)
     kinds[0] = kind
     scales = np.ones(1)
@@ -153,6 +164,10 @@ def _branch(
             child, turn = _box_bound(kind, columns, box, best[0] + tolerance, vertices, lines)
             bounds += 1
             child = min(child + rounding, bound)
+            if max(box[3], box[4]) < smallest and (kind == ISOTROPIC or box[5] < smallest):
+                child, _ = _box_bound(kind, columns, box, math.inf, vertices, lines)
+                closed = max(closed, min(child + rounding, bound))
+                continue
             if child <= best[0] + tolerance:
                 closed = max(closed, child)
                 continue
@@ -182,13 +197,15 @@ class Exact:
     Parameters
     ----------
     limit : int
-        How many boxes at most; then the result's status is BUDGET, and its bound still holds.
+        How many boxes at most.  When they do not suffice, or rounding does not allow the tolerance asked for, the
+        result's status is BUDGET, and its bound still holds.
     cancelled : callable, optional
         Asked every now and then; when it says so the work ends as if the limit were reached.
 
     Notes
     -----
-    Boxes grow with the logarithm of 1/tolerance and little with the number n of landmarks; each costs O(n).  A model
+    Each box costs O(n).  Boxes grow little with the number n of landmarks, and with the logarithm of 1/tolerance; where
+    the best pose lies on a ridge, some landmarks being at just the optimal distance, with 1/sqrt(tolerance).  A model
     that is not built in is bounded by its Lipschitz constants (`covey.optimize.blackbox`), where boxes grow with a
     power of 1/tolerance.  Source: Sposato (2016), section 4.7, whose proof needs such a solver.  Deviation: V1, V4.
 
@@ -220,42 +237,57 @@ class Exact:
         if not tolerance > 0.0:
             raise ArgumentError(f"tolerance: expected a number above 0, got {tolerance}")
         model = problem.model
-        known = Search().maximize(problem, start=start, tolerance=tolerance, rng=rng)
+        first = Search() if start is None else BRIEF
+        known = first.maximize(problem, start=start, tolerance=tolerance, rng=rng)
         if not is_compiled(model):
             return blackbox.prove(problem, known, tolerance=tolerance, limit=self.limit, cancelled=self.cancelled)
-        unit = model.optimal_distance
+        unit, kind = model.optimal_distance, int(model.kernel)
+        x0, x1, y0, y1 = problem.region.bounds
+        # lengths in optimal distances from the middle of the region, so that far from the origin no digits are lost
+        middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+        width, height = 0.5 * (x1 - x0) / unit, 0.5 * (y1 - y0) / unit
         columns = landmark_columns(problem.landmarks, problem.thresholds)
-        columns[:2] /= unit
-        edges, inset = problem.region.edges / unit, problem.region.inset_edges / unit
-        best = np.array([known.score, known.pose.x / unit, known.pose.y / unit, known.pose.yaw])
+        columns[:2] = (columns[:2] - middle[:, None]) / unit
+        edges = (problem.region.edges - np.tile(middle, 2)) / unit
+        inset = (problem.region.inset_edges - np.tile(middle, 2)) / unit
+        best = np.array([known.score, *((known.pose.position_W - middle) / unit), known.pose.yaw])
         stack = np.zeros((STACK, 8))
-        x0, x1, y0, y1 = (value / unit for value in problem.region.bounds)
-        sectors = 1 if int(model.kernel) == ISOTROPIC else SECTORS
+        sectors = 1 if kind == ISOTROPIC else SECTORS
         everything = float(columns[4] @ np.maximum(0.0, model.maximum - columns[5]))
+        size = 1.0 + width + height
+        rounding = 1e-15 * (100.0 + size + columns.shape[1]) * everything
+        working = max(tolerance, 50.0 * rounding)
         for sector in range(sectors):
-            width = math.pi / sectors
-            psi = -math.pi + (2 * sector + 1) * width
-            middle, half = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0), 0.5 * (y1 - y0))
-            stack[sector] = (*middle, psi, *half, width, everything, 0.0)
+            arc = math.pi / sectors
+            stack[sector] = (0.0, 0.0, -math.pi + (2 * sector + 1) * arc, width, height, arc, everything, 0.0)
         top, closed, evaluations = sectors, -math.inf, known.evaluations
         budget = self.limit
         while top > 0 and budget > 0 and top < STACK - 2 and not (self.cancelled and self.cancelled()):
             chunk = min(budget, max(50, CHUNK // max(1, len(problem.landmarks))))
             top, closed, bounds = _branch(
-                int(model.kernel), columns, edges, inset, tolerance, chunk, best, stack, top, closed, POLISH
+                kind,
+                columns,
+                edges,
+                inset,
+                working,
+                chunk,
+                best,
+                stack,
+                top,
+                closed,
+                POLISH,
+                rounding,
+                SMALLEST * size,
             )
             budget -= chunk
             evaluations += bounds
         pose = known.pose
         if best[0] > known.score:
-            pose = Pose2(best[1] * unit, best[2] * unit, best[3])
+            pose = Pose2(best[1] * unit + middle[0], best[2] * unit + middle[1], best[3])
         score = problem.score(pose)
         # a box that is kept is not bounded to the end; those that are left here are
-        rounding = 1e-13 * columns.shape[1] * max(1.0, best[0])
         vertices, lines = np.empty((3, 2)), np.empty((9, columns.shape[1]))
-        left = [
-            min(box[6], _box_bound(int(model.kernel), columns, box, math.inf, vertices, lines)[0])
-            for box in stack[:top]
-        ]
+        left = [min(box[6], _box_bound(kind, columns, box, math.inf, vertices, lines)[0]) for box in stack[:top]]
         upper = max(score, closed, max(left, default=-math.inf) + rounding)
-        return PoseResult(pose, score, upper, Status.PROVED if top == 0 else Status.BUDGET, evaluations)
+        proved = upper <= score + tolerance + rounding
+        return PoseResult(pose, score, upper, Status.PROVED if proved else Status.BUDGET, evaluations)

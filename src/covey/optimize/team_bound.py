@@ -126,7 +126,8 @@ def team_bound(
     Raises
     ------
     SolverError
-        If a sensor is not a built-in model: its inner problems take too long to bound.
+        If a sensor is not a built-in model: its inner problems take too long to bound; or if the score is above the
+        bound, so that it cannot be that of a deployment of this team.
 
     Notes
     -----
@@ -143,7 +144,14 @@ def team_bound(
     bound, unchanged, proofs = float(weights.sum() * max(model.maximum for model in compiled)), 0, 0
     scale = max(score, 1e-3 * bound)
     tolerance = accuracy * scale
-    lowest = np.inf
+    lowest, step = np.inf, 0
+
+    def alive() -> bool:
+        """Let the caller speak up during a long proof."""
+        if on_progress is not None:
+            on_progress(step / ROUNDS, bound)
+        return False
+
     for step in range(ROUNDS):
         for temperature in TEMPERATURES if step == 0 else TEMPERATURES[-1:]:
             prices = _minimise(groups, weights, prices, temperature * scale / 100.0)
@@ -156,7 +164,7 @@ def team_bound(
         if value - pooled < tolerance or unchanged >= 4:
             proved = float(weights @ prices)
             for group in groups:
-                proved += group.count * _prove(group, landmarks, prices, tolerance / len(models), rng)
+                proved += group.count * _prove(group, landmarks, prices, tolerance / len(models), rng, alive)
             bound = min(bound, proved)
             proofs += 1
             unchanged = 0
@@ -164,17 +172,24 @@ def team_bound(
                 break
         if on_progress is not None:
             on_progress((step + 1) / ROUNDS, bound)
+    if score > bound * (1.0 + 1e-9):
+        raise SolverError(f"team bound: the score {score:.6f} exceeds what any deployment can have, {bound:.6f}")
     bound = max(bound, score)
     return TeamBound(bound, (bound - score) / bound if bound > 0.0 else 0.0)
 
 
 def _prove(
-    group: _Group, landmarks: Landmarks, prices: NDArray[np.float64], tolerance: float, rng: np.random.Generator
+    group: _Group,
+    landmarks: Landmarks,
+    prices: NDArray[np.float64],
+    tolerance: float,
+    rng: np.random.Generator,
+    cancelled: Callable[[], bool],
 ) -> float:
     """Bound the inner problem over all poses; the best pose found joins the pool."""
     problem = PoseProblem(group.model, landmarks, group.region, prices)
     start = Pose2.from_array(group.poses[_gains(group, landmarks.weights, prices).argmax()])
-    proof = Exact(limit=PROOF_BOXES).maximize(problem, start=start, tolerance=tolerance, rng=rng)
+    proof = Exact(limit=PROOF_BOXES, cancelled=cancelled).maximize(problem, start=start, tolerance=tolerance, rng=rng)
     group.add(proof.pose.as_array()[None], landmarks)
     return proof.upper_bound
 
@@ -189,7 +204,7 @@ def _groups(
     groups: list[_Group] = []
     for model, region in zip(models, regions, strict=True):
         for group in groups:
-            if group.model == model and group.region is region:
+            if group.model == model and np.array_equal(group.region.edges, region.edges):
                 group.count += 1
                 break
         else:
@@ -197,7 +212,7 @@ def _groups(
     own = np.array([pose.as_array() for pose in poses])
     size = min(2500, max(200, POOL_ENTRIES // len(landmarks)) // len(groups))
     for group in groups:
-        anchors = candidate_poses(landmarks, group.region, group.model.optimal_distance, size // 8, rng=rng)
+        anchors = candidate_poses(landmarks, group.region, group.model.optimal_distance, max(1, size // 8), rng=rng)
         inside = group.region.contains_points(own[:, :2])
         group.add(np.vstack([own[inside], anchors]), landmarks)
     return groups
@@ -230,6 +245,10 @@ def _climb(group: _Group, landmarks: Landmarks, prices: NDArray[np.float64], rng
         1e-9,
     )
     group.add(np.vstack([starts[:, 0], top]), landmarks)
+    most = max(1000, 4 * POOL_ENTRIES // len(landmarks))
+    if len(group.poses) > most:
+        kept = np.sort(np.argsort(-_gains(group, landmarks.weights, prices), kind="stable")[: most // 2])
+        group.poses, group.visibility = group.poses[kept], group.visibility[kept]
     return float(value)
 
 

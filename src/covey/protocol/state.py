@@ -82,7 +82,7 @@ _NEXT = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 class ProtocolError(CoveyError):
     """The node tried a move that the table does not have: a mistake in covey."""
 
-    exit_code = 1
+    exit_code = 3
 
 
 def next_state(lock: Lock, trigger: Trigger) -> Lock:

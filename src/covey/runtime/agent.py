@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from covey.coverage import transfer
 from covey.environment import Landmarks
+from covey.errors import InputError
 from covey.geometry import Pose2, Region
 from covey.mission import Mission, OptimizerName, Trade
 from covey.optimize import (
@@ -22,13 +23,19 @@ from covey.optimize import (
 )
 from covey.protocol import AgentState, PoseRecords, Proposal
 from covey.runtime.streams import Stream, generator
-from covey.sensing import VisibilityModel, build_model
+from covey.sensing import VisibilityModel, build_model, is_compiled
 
 LEAST_GAIN = 0.1
 """What a new pose or a joint re-optimisation must gain, in units of sigma, to be worth a flight."""
 
-FAR = 2.0
-"""Two agents whose landmarks lie further apart than this, in optimal distances, only compare what they see."""
+FEW, FAR = 24, 2.0
+"""In a team of more than FEW, two agents whose landmarks lie further apart than FAR optimal distances only compare what
+they see: that saves most of the time, and costs much only where few landmarks lie scattered.
+"""
+
+PROBES = 8
+PROBED_LANDMARKS = 200
+"""At how many poses, and on how many landmarks at most, a user's model is tried out."""
 
 
 def build_optimizer(name: OptimizerName) -> PoseOptimizer:
@@ -42,7 +49,13 @@ def build_optimizer(name: OptimizerName) -> PoseOptimizer:
 
 
 def build_models(mission: Mission) -> tuple[VisibilityModel, ...]:
-    """Build each agent's sensor; agents with the same specification share one."""
+    """Build each agent's sensor; agents with the same specification share one.
+
+    Raises
+    ------
+    InputError
+        If a sensor cannot be built, needs normals that the landmarks do not have, or gives nonsense at a few poses.
+    """
     folder = mission.path.parent if mission.path is not None else None
     built: list[tuple[object, VisibilityModel]] = []
     models = []
@@ -53,9 +66,22 @@ def build_models(mission: Mission) -> tuple[VisibilityModel, ...]:
                 break
         else:
             model = build_model(agent.sensor.model, agent.sensor.options, folder=folder)
+            if model.needs_normals and mission.landmarks.normals_W is None:
+                raise InputError(f"sensor model {agent.sensor.model!r}: expected landmarks with normals, got none")
+            if not is_compiled(model):
+                _probe(model, agent.region, mission.landmarks)
             built.append((agent.sensor, model))
             models.append(model)
     return tuple(models)
+
+
+def _probe(model: VisibilityModel, region: Region, landmarks: Landmarks) -> None:
+    """Ask a user's model, which checks its answers, at a few poses: a fault shows before planning begins."""
+    positions = region.sample(PROBES, rng=np.random.default_rng(0))
+    yaws = np.linspace(-np.pi, np.pi, PROBES, endpoint=False)
+    n = len(landmarks)
+    chosen = np.linspace(0, n - 1, min(n, PROBED_LANDMARKS)).astype(np.int64)
+    model.visibility(np.column_stack([positions, yaws]), landmarks.subset(chosen))
 
 
 class TeamPlanner:
@@ -163,8 +189,8 @@ class TeamPlanner:
         return float(row @ self.weights[state.landmarks])
 
     def _apart(self, server: AgentState, client: AgentState) -> bool:
-        """Whether the landmarks of the two lie so far apart that sharing them anew is hopeless."""
-        if not (len(server.landmarks) and len(client.landmarks)):
+        """Whether the landmarks of the two lie so far apart that sharing them anew is seldom worth its time."""
+        if len(self.models) <= FEW or not (len(server.landmarks) and len(client.landmarks)):
             return False
         first = self.landmarks.positions_W[server.landmarks]
         second = self.landmarks.positions_W[client.landmarks]

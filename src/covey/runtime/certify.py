@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from covey.coverage import Certificate, TeamBound, Violation, team_visibility
 from covey.coverage.certificate import ROUNDING, partition_violations, pose_violations, trade_violations
+from covey.errors import ResultError
 from covey.geometry import Pose2
 from covey.mission import Mission
 from covey.optimize import Exact, PoseProblem, PoseResult
@@ -74,6 +75,20 @@ def prove_poses(
     return {agent: future.result() for agent, future in zip(agents, futures, strict=True)}
 
 
+def admissibility_violations(
+    mission: Mission, poses: Sequence[Pose2], sets: Sequence[NDArray[np.int64]]
+) -> list[Violation]:
+    """Check that it is a deployment at all: each landmark has one owner, and each pose is inside its region."""
+    violations = partition_violations([agent.name for agent in mission.agents], sets, len(mission.landmarks))
+    for agent, pose in zip(mission.agents, poses, strict=True):
+        if not agent.region.contains(pose.x, pose.y):
+            x, y = agent.region.project(pose.x, pose.y)
+            away = float(np.hypot(x - pose.x, y - pose.y))
+            message = f"{agent.name} is outside its region, by {away:.6g} m"
+            violations.append(Violation("region", (agent.name,), None, away, message))
+    return violations
+
+
 def build_certificate(
     mission: Mission,
     models: Sequence[VisibilityModel],
@@ -84,15 +99,10 @@ def build_certificate(
     """Check Definition 3 with the proofs of all poses at hand."""
     names = [agent.name for agent in mission.agents]
     sigma = mission.coverage.sigma
-    violations = partition_violations(names, sets, len(mission.landmarks))
+    violations = admissibility_violations(mission, poses, sets)
     visibility = team_visibility(models, poses, mission.landmarks)
     worst_gap = 0.0
-    for i, (name, pose) in enumerate(zip(names, poses, strict=True)):
-        x, y = mission.agents[i].region.project(pose.x, pose.y)
-        if not mission.agents[i].region.contains(pose.x, pose.y):
-            away = float(np.hypot(x - pose.x, y - pose.y))
-            message = f"{name} is outside its region, by {away:.6g} m"
-            violations.append(Violation("region", (name,), None, away, message))
+    for i, name in enumerate(names):
         score = float(visibility[i, sets[i]] @ mission.landmarks.weights[sets[i]])
         gap, found = pose_violations(name, score, proofs[i].score, proofs[i].upper_bound, sigma)
         worst_gap = max(worst_gap, gap)
@@ -116,8 +126,8 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
     -------
     Certificate
         Whether the partition is disjoint and complete, each pose inside its region and within sigma of the best for
-        its landmarks (proved by `exact`), no landmark better seen by another agent by more than sigma, and the stated
-        scores those that the poses give; what is violated, where.
+        its landmarks (proved by `exact`), no landmark better seen by another agent by more than sigma, the stated
+        scores those that the poses give, and a stated bound not below them; what is violated, where.
 
     Raises
     ------
@@ -141,17 +151,7 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
 
     proofs = prove_poses(mission, models, poses, sets, range(total), seed=deployment.seed, on_done=report)
     certificate = build_certificate(mission, models, poses, sets, proofs)
-    stated = [
-        Violation(
-            "score",
-            (agent.name,),
-            None,
-            abs(agent.score - score),
-            f"{agent.name} is said to score {agent.score:.6f}; its pose and landmarks give {score:.6f}",
-        )
-        for agent, score in zip(deployment.agents, _scores(deployment, models), strict=True)
-        if abs(agent.score - score) > ROUNDING * max(1.0, score)
-    ]
+    stated = _stated_violations(deployment, _scores(deployment, models))
     if not stated:
         return certificate
     return Certificate(
@@ -172,9 +172,20 @@ def bound_team(source: Deployment | str | Path, *, on_progress: ProgressCallback
         A deployment, or the directory that holds its result.
     on_progress : callable, optional
         Called with a `Progress` as it goes on.
+
+    Raises
+    ------
+    ResultError
+        If the directory holds no usable result, a landmark has no owner or several, or a pose is outside its region:
+        a bound says nothing about the score of such a deployment.
+    SolverError
+        If a sensor is not a built-in model.
     """
     deployment = source if isinstance(source, Deployment) else read_result(source)
     mission = deployment.mission
+    wrong = admissibility_violations(mission, deployment.poses, [agent.landmarks for agent in deployment.agents])
+    if wrong:
+        raise ResultError(f"no bound can be compared with the score of this deployment: {wrong[0].message}")
     models = build_models(mission)
     score = float(_scores(deployment, models).sum())
 
@@ -191,6 +202,29 @@ def bound_team(source: Deployment | str | Path, *, on_progress: ProgressCallback
         rng=generator(deployment.seed, Stream.BOUND),
         on_progress=report,
     )
+
+
+def _stated_violations(deployment: Deployment, scores: NDArray[np.float64]) -> list[Violation]:
+    """Compare what a deployment says of itself with the agents' true scores."""
+    total, final = float(scores.sum()), deployment.score.final
+    checks: list[tuple[float, float, tuple[str, ...], str, str]] = [
+        (agent.score, float(score), (agent.name,), f"{agent.name} is said to score", "its pose and landmarks give")
+        for agent, score in zip(deployment.agents, scores, strict=True)
+    ]
+    checks.append((final, total, (), "the team is said to score", "its poses and landmarks give"))
+    if deployment.history:
+        checks.append((deployment.history[-1].score, total, (), "the history ends with", "poses and landmarks give"))
+    violations = [
+        Violation("score", names, None, abs(stated - true), f"{claim} {stated:.6f}; {truth} {true:.6f}")
+        for stated, true, names, claim, truth in checks
+        if not abs(stated - true) <= ROUNDING * max(1.0, true)  # nor if it is NaN: not stated
+    ]
+    bound = deployment.bound
+    if bound is not None and not bound.team_upper_bound >= final - ROUNDING * max(1.0, abs(final)):
+        below = final - bound.team_upper_bound
+        message = f"the stated bound {bound.team_upper_bound:.6f} lies below the stated score {final:.6f}"
+        violations.append(Violation("bound", (), None, below, message))
+    return violations
 
 
 def _scores(deployment: Deployment, models: Sequence[VisibilityModel]) -> NDArray[np.float64]:

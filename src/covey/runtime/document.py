@@ -174,10 +174,14 @@ def _deployment(root: CheckedValue, folder: Path | None) -> Deployment:
     if not specs:
         root["agents"].fail("at least one agent")
     sigma = root["sigma"].number()
-    if sigma < 0.0:
-        root["sigma"].fail("a number of at least 0")
+    if sigma <= 0.0:
+        root["sigma"].fail("a number above 0")
     scores = root["score"]
     mission = _read_mission(mission_value, landmarks, region, tuple(specs), folder)
+    if sigma != mission.coverage.sigma:
+        root["sigma"].fail(f"{mission.coverage.sigma!r}, as in mission.coverage.sigma")
+    if root["seed"].integer() != mission.seed:
+        root["seed"].fail(f"{mission.seed}, as in mission.seed")
     return Deployment(
         mission=mission,
         seed=root["seed"].integer(),

@@ -6,7 +6,7 @@ import functools
 import platform
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
@@ -61,7 +61,8 @@ def plan(
     Returns
     -------
     Deployment
-        After Ctrl-C (KeyboardInterrupt) what is known by then, with status INTERRUPTED.
+        After Ctrl-C (KeyboardInterrupt) what is known by then: with status INTERRUPTED and no certificate if planning
+        went on; SETTLED, with its certificate, if only the bound or the baseline is missing.
 
     Raises
     ------
@@ -132,7 +133,7 @@ class _Run:
             software=dict(_software()),
             snapshots=team.finish(),
         )
-        try:
+        with suppress(KeyboardInterrupt):  # it takes nothing away from what has settled
             if bound and status is PlanStatus.SETTLED:
                 with self._timed("bound"):
                     result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
@@ -141,8 +142,6 @@ class _Run:
                     self._report("baseline", force=True)
                     rng = generator(self.seed, Stream.BASELINE)
                     result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
-        except KeyboardInterrupt:
-            result = replace(result, status=PlanStatus.INTERRUPTED)
         self.timing["total"] = sum(self.timing.values())
         return replace(result, timing_s=self.timing)
 

@@ -19,6 +19,9 @@ RESULT = "result.json"
 FILES = ("agents.csv", "deployment.png", "deployment.pdf", "deployment.geojson", RESULT)
 """What a result directory may hold; `RESULT` last, since a directory that has it is complete."""
 
+MAX_BYTES = 500_000_000
+"""Size of a ``result.json``, bytes; one of a million landmarks has a tenth of it."""
+
 DEFAULT_PARENT = Path("covey-out")
 
 
@@ -96,12 +99,17 @@ def read_result(directory: str | Path) -> Deployment:
     Raises
     ------
     ResultError
-        If it is missing, is no JSON, lacks a key, or a value has the wrong type; the text names the file and the key.
+        If it is missing, no regular file, too large or no JSON, lacks a key, or a value has the wrong type; the text
+        names the file and the key.
     """
     path = Path(directory)
     try:
         if path.is_dir():
             path = path / RESULT
+        if path.exists() and not path.is_file():  # a pipe or a device may never end
+            raise ResultError(f"{path}: expected a regular file or a directory")
+        if path.exists() and path.stat().st_size > MAX_BYTES:
+            raise ResultError(f"{path}: expected at most {MAX_BYTES:,} bytes, got {path.stat().st_size:,}")
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError as error:
         raise ResultError(f"{path}: no result here; expected a directory that `covey plan` wrote") from error

@@ -178,7 +178,7 @@ def linear_bounds(
         inverse = 1.0 / math.sqrt(max(dx * dx + dy * dy, 1e-300))
         r2 = qx * qx + qy * qy
         far = r2 > 1.0
-        # no visibility in the box exceeds this; where all of the box is nearer than 1, less will be said below
+        # no visibility in the box exceeds this
         top = min(1.0, inverse)
         # far: v = q / |q|^2 at the centre, its derivative, and half its largest second derivative, 2 / r^3, times h^2;
         # near: v . d <= q . d wherever q . d >= 0, which is linear as it stands
@@ -189,7 +189,6 @@ def linear_bounds(
         if kind == ISOTROPIC:
             # near: |q| is convex, so its tangent plus the second-order remainder; the tangent's length is 1
             r = math.sqrt(r2)
-            top = min(top, r + h)
             curve = 0.5 * h2 * inverse
             curve = remainder if far else curve
             # nearer than the optimal distance it is at most |q|, which vanishes at the landmark

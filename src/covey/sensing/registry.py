@@ -6,12 +6,14 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
 from covey.errors import InputError
 from covey.sensing.anisotropic import Anisotropic
-from covey.sensing.base import VisibilityModel
+from covey.sensing.base import VisibilityModel, is_compiled
+from covey.sensing.checked import CheckedModel, call_user_code
 from covey.sensing.isotropic import Isotropic
 from covey.sensing.oriented import Oriented
 
@@ -20,8 +22,6 @@ MODELS: Mapping[str, Callable[..., VisibilityModel]] = {
     "isotropic": Isotropic,
     "oriented": Oriented,
 }
-
-REQUIRED = ("name", "needs_normals", "maximum", "lipschitz", "visibility")
 
 
 def build_model(
@@ -37,10 +37,15 @@ def build_model(
     folder : Path, optional
         Where a relative ``file.py`` is looked for; the working directory by default.
 
+    Returns
+    -------
+    VisibilityModel
+        A user's own comes as a `CheckedModel`, whose answers are checked.
+
     Raises
     ------
     InputError
-        If there is no such model, or it cannot be loaded or built.
+        If there is no such model, it cannot be loaded or built, or its constants make no sense.
 
     Examples
     --------
@@ -49,23 +54,24 @@ def build_model(
     """
     factory = MODELS.get(name)
     if factory is None:
-        place, separator, attribute = name.rpartition(":")
-        if not separator:
-            raise InputError(f"sensor model {name!r}: expected one of {', '.join(MODELS)} or file.py:Class")
-        try:
-            own_file = place.endswith(".py")
-            module = _load_file(folder or Path.cwd(), place) if own_file else importlib.import_module(place)
-            factory = getattr(module, attribute)
-        except (ImportError, OSError, SyntaxError, AttributeError) as error:
-            raise InputError(f"sensor model {name!r}: cannot be loaded: {error}") from error
-    try:
-        model = factory(**(options or {}))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"sensor model {name!r}: cannot be built with {dict(options or {})}: {error}") from error
-    missing = [key for key in REQUIRED if not hasattr(model, key)]
-    if missing:
-        raise InputError(f"sensor model {name!r}: expected {', '.join(missing)} as in VisibilityModel, got none")
-    return model
+        factory = call_user_code(name, "cannot be loaded", _finder(name, folder or Path.cwd()))
+    given = dict(options or {})
+    model = call_user_code(name, f"cannot be built with {given}", partial(factory, **given))
+    return model if is_compiled(model) else CheckedModel(model, name)
+
+
+def _finder(name: str, folder: Path) -> Callable[[], Callable[..., VisibilityModel]]:
+    """Return what loads the class that a name stands for."""
+    place, separator, attribute = name.rpartition(":")
+    if not separator:
+        raise InputError(f"sensor model {name!r}: expected one of {', '.join(MODELS)} or file.py:Class")
+
+    def load() -> Callable[..., VisibilityModel]:
+        module = _load_file(folder, place) if place.endswith(".py") else importlib.import_module(place)
+        found: Callable[..., VisibilityModel] = getattr(module, attribute)
+        return found
+
+    return load
 
 
 def _load_file(folder: Path, place: str) -> ModuleType:

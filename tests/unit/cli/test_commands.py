@@ -41,6 +41,9 @@ agents:
 """
 
 
+PROVED = Certificate(True, 0.01, 0.002, 0.0)
+
+
 class Ended(NamedTuple):
     code: int
     out: str
@@ -75,7 +78,7 @@ def asked(make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> l
     def plan(mission: Mission, *, on_progress: Callable[[Progress], None], **options: Any) -> Deployment:
         asked.append((mission, options))
         on_progress(Progress("trading", 12.345, 1, 5))
-        return make_deployment(seed=mission.seed)
+        return make_deployment(seed=mission.seed, certificate=PROVED)
 
     monkeypatch.setitem(sys.modules, "covey.runtime.plan", SimpleNamespace(plan=plan))
     return asked
@@ -151,8 +154,41 @@ def test_ctrl_c_keeps_what_is_known(run: Run, make_deployment: MakeDeployment, m
     assert read_result("r").status is PlanStatus.INTERRUPTED
 
 
+def test_ctrl_c_after_settling_says_what_is_missing(
+    run: Run, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def plan(mission: Mission, **options: Any) -> Deployment:
+        signal.raise_signal(signal.SIGINT)
+        return make_deployment(certificate=PROVED, bound=None, baseline=None)
+
+    monkeypatch.setitem(sys.modules, "covey.runtime.plan", SimpleNamespace(plan=plan))
+    ended = run("plan", "mission.yaml", "--out", "r", "--bound", "--baseline")
+    assert ended.code == 130
+    assert "holds for sigma = 0.01" in ended.out
+    assert "planning had settled and is in r, without the bound and the baseline" in ended.err
+    assert read_result("r").status is PlanStatus.SETTLED
+    assert "without the baseline\n" in run("plan", "mission.yaml", "--out", "q", "--baseline", "--quiet").err
+
+
+@pytest.mark.parametrize("options", [(), ("--quiet",), ("--quiet", "--json")], ids=str)
+def test_a_plan_whose_certificate_does_not_hold(
+    options: Sequence[str], run: Run, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in = SimpleNamespace(plan=lambda mission, **options: make_deployment())
+    monkeypatch.setitem(sys.modules, "covey.runtime.plan", stand_in)
+    ended = run("plan", "mission.yaml", "--out", "r", *options)
+    assert ended.code == 1
+    assert ended.err == "covey: the certificate does not hold, violations: 1; they are in r\n"
+    assert read_result("r").certificate == make_deployment().certificate
+    assert bool(ended.out) is (options != ("--quiet",))
+
+
+def test_exit_codes_are_told(run: Run) -> None:
+    assert "its certificate does not hold" in run("plan", "--help").out
+
+
 @pytest.mark.parametrize(
-    ("error", "code"), [(CoveyError("told\nonce\x1b[31m"), 2), (SolverError("told\nonce\x1b[31m"), 1)], ids=repr
+    ("error", "code"), [(CoveyError("told\nonce\x1b[31m"), 2), (SolverError("told\nonce\x1b[31m"), 3)], ids=repr
 )
 def test_errors_are_one_message(error: CoveyError, code: int, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def plan(mission: Mission, **options: Any) -> Deployment:
@@ -182,6 +218,15 @@ def test_errors_are_one_message(error: CoveyError, code: int, run: Run, monkeypa
         ["heatmap", "--model", "lidar"],
         ["heatmap", "--out", "x.txt"],
         ["heatmap", "--optimal-distance-m", "-1"],
+        ["heatmap", "--optimal-distance-m", "0"],
+        ["heatmap", "--optimal-distance-m", "1e8"],
+        ["heatmap", "--optimal-distance-m", "nan"],
+        ["plan", ""],
+        ["plan", "mission.yaml", "--out", ""],
+        ["certify", ""],
+        ["certify", os.devnull],
+        ["validate", ""],
+        ["validate", os.devnull],
         ["fly"],
         ["--no-such-option"],
     ],
@@ -222,6 +267,43 @@ def test_certify(holds: bool, run: Run, make_deployment: MakeDeployment, monkeyp
     assert json.loads(printed.out)["bound"] is None
 
 
+def test_certify_leaves_out_a_bound_that_says_nothing(run: Run, make_deployment: MakeDeployment) -> None:
+    deployment = make_deployment(agents=1, side=2)
+    one = replace(deployment.agents[0], landmarks=deployment.agents[0].landmarks[1:])
+    write_result(replace(deployment, agents=(one,)), "r")
+    ended = run("certify", "r", "--bound")
+    assert ended.code == 1
+    proof, bound = ended.out.index("incomplete: landmark 0 has no owner"), ended.out.index("Bound     left out: ")
+    assert proof < bound
+    assert "gap" not in ended.out[bound:]
+    printed = run("certify", "r", "--bound", "--json")
+    assert printed.code == 1
+    assert json.loads(printed.out)["bound"] is None
+    assert "left out: " in printed.err
+
+
+def test_certify_keeps_its_certificate_when_the_bound_fails(
+    run: Run, make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bound_team(source: Deployment, on_progress: object) -> TeamBound:
+        raise SolverError("no bound")
+
+    write_result(make_deployment(), "r")
+    stand_in = SimpleNamespace(certify=lambda source, on_progress: PROVED, bound_team=bound_team)
+    monkeypatch.setitem(sys.modules, "covey.runtime.certify", stand_in)
+    ended = run("certify", "r", "--bound")
+    assert (ended.code, ended.err) == (3, "covey: no bound\n")
+    assert "holds for sigma = 0.01" in ended.out
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_validate_and_certify_do_not_wait_for_a_pipe(run: Run, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    assert "pipe.yaml: expected a regular file" in run("validate", "mission.yaml", "pipe.yaml").out
+    assert "covey: pipe.yaml: expected a regular file" in run("certify", "pipe.yaml").err
+    assert "empty text" in run("certify", "").err
+
+
 def test_heatmap(run: Run, tmp_path: Path) -> None:
     assert run("heatmap") == (0, "heatmap-anisotropic.png\n", "")
     assert (tmp_path / "heatmap-anisotropic.png").stat().st_size > 1000
@@ -257,11 +339,12 @@ def test_ctrl_c_in_the_middle_keeps_what_is_known(stage: str, tmp_path: Path) ->
         out, err = process.communicate()
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert "interrupted; what was known by then is in" in err
+    settled = stage == "bounding"
+    assert ("without the bound" if settled else "interrupted; what was known by then is in") in err
     assert "Score" in out
     deployment = read_result(tmp_path / "r")
-    assert deployment.status is PlanStatus.INTERRUPTED
-    assert (deployment.certificate is not None) is (stage == "bounding")
+    assert deployment.status is (PlanStatus.SETTLED if settled else PlanStatus.INTERRUPTED)
+    assert (deployment.certificate is not None) is settled
     assert np.array_equal(np.sort(np.concatenate([agent.landmarks for agent in deployment.agents])), np.arange(400))
     assert sum(agent.score for agent in deployment.agents) == pytest.approx(deployment.score.final)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r"]

@@ -11,11 +11,13 @@ import pytest
 from tests.unit.runtime.small import POLYGON, small
 
 from covey import certify, plan
-from covey.coverage import Certificate, Violation
+from covey.coverage import Certificate, TeamBound, Violation
+from covey.errors import ResultError
 from covey.geometry import Pose2
 from covey.optimize import Exact, PoseResult, Status
 from covey.runtime import certify as module
 from covey.runtime.agent import build_models
+from covey.runtime.certify import bound_team
 from covey.runtime.result import AgentResult, Deployment
 
 
@@ -37,7 +39,10 @@ def honest_scores(deployment: Deployment) -> Deployment:
     for agent, model in zip(deployment.agents, models, strict=True):
         seen = model.visibility(agent.pose.as_array()[None], deployment.mission.landmarks)[0]
         agents.append(replace(agent, score=float(seen[agent.landmarks].sum())))
-    return replace(deployment, agents=tuple(agents))
+    total = sum(agent.score for agent in agents)
+    history = (*deployment.history[:-1], replace(deployment.history[-1], score=total))
+    score = replace(deployment.score, final=total)
+    return replace(deployment, agents=tuple(agents), score=score, history=history)
 
 
 def violations(certificate: Certificate, kind: str) -> list[Violation]:
@@ -137,6 +142,39 @@ def test_a_score_that_was_falsified(good: Deployment, error: float) -> None:
     assert not certificate.holds
 
 
+@pytest.mark.parametrize("error", [1e-6, -3.0, math.nan])
+@pytest.mark.parametrize("place", ["team", "history"])
+def test_a_team_score_that_was_falsified(good: Deployment, place: str, error: float) -> None:
+    if place == "team":
+        bad = replace(good, score=replace(good.score, final=good.score.final + error))
+    else:
+        last = good.history[-1]
+        bad = replace(good, history=(*good.history[:-1], replace(last, score=last.score + error)))
+    (found,) = certify(bad).violations
+    assert (found.kind, found.agents) == ("score", ())
+    assert place in found.message
+    assert found.amount == pytest.approx(abs(error), nan_ok=True)
+
+
+def test_a_stated_bound_below_the_score_is_a_contradiction(good: Deployment) -> None:
+    final = good.score.final
+    assert certify(replace(good, bound=TeamBound(final, 0.0))).holds
+    (found,) = certify(replace(good, bound=TeamBound(final - 0.5, 0.0))).violations
+    assert (found.kind, found.agents) == ("bound", ())
+    assert found.amount == pytest.approx(0.5)
+
+
+def test_what_is_no_deployment_has_no_bound(good: Deployment) -> None:
+    both = np.sort(np.append(good.agents[0].landmarks, good.agents[2].landmarks[3]))
+    bad = honest_scores(changed(good, 0, landmarks=both))
+    with pytest.raises(ResultError, match=f"landmark {good.agents[2].landmarks[3]} is owned 2 times"):
+        bound_team(bad)
+    with pytest.raises(ResultError, match="no owner"):
+        bound_team(honest_scores(changed(good, 1, landmarks=good.agents[1].landmarks[1:])))
+    with pytest.raises(ResultError, match="is outside its region"):
+        bound_team(honest_scores(changed(good, 1, pose=Pose2(0.0, 0.0, 0.0))))
+
+
 def test_everything_at_once_is_reported_at_once(good: Deployment) -> None:
     bad = changed(good, 0, pose=Pose2(0.0, 0.0, 0.0), score=99.0)
     bad = changed(bad, 1, landmarks=bad.agents[1].landmarks[1:])
@@ -193,4 +231,5 @@ def test_an_agent_too_few_is_found(good: Deployment) -> None:
 def test_progress_is_told(good: Deployment) -> None:
     told: list[float | None] = []
     certify(good, on_progress=lambda progress: told.append(progress.fraction))
-    assert told == pytest.approx([1 / 3, 2 / 3, 1.0])
+    assert told[-1] == 1.0
+    assert set(told) <= {0.0, 1 / 3, 2 / 3, 1.0}

@@ -153,6 +153,36 @@ def test_a_users_model_is_found_from_the_result(
     assert read_result(target).mission.agents[0].sensor.model == f"{model.resolve()}:Mine"
 
 
+@pytest.mark.parametrize(("key", "value"), [("sigma", 0.02), ("sigma", 0.0), ("sigma", -0.01), ("seed", 8)])
+def test_what_is_said_twice_is_the_same(key: str, value: float) -> None:
+    data = json.loads(TEXT)
+    data[key] = value
+    with pytest.raises(ResultError, match=f"{key}: expected .*, got {value}"):
+        document.from_text(json.dumps(data))
+
+
+def test_a_tolerance_of_zero_is_none() -> None:
+    data = json.loads(TEXT)
+    data["sigma"] = data["mission"]["coverage"]["sigma"] = 0.0
+    with pytest.raises(ResultError, match="above 0"):
+        document.from_text(json.dumps(data))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_only_regular_files_are_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "result.json")
+    for path in (tmp_path, tmp_path / "result.json", Path(os.devnull)):
+        with pytest.raises(ResultError, match="regular file"):
+            read_result(path)
+
+
+def test_too_large_a_file_is_not_read(tmp_path: Path) -> None:
+    with (tmp_path / "result.json").open("wb") as stream:
+        stream.truncate(record.MAX_BYTES + 1)
+    with pytest.raises(ResultError, match="at most 500,000,000 bytes"):
+        read_result(tmp_path)
+
+
 # ------------------------------------------------------------------------------------------------ what is there already
 
 
