@@ -26,6 +26,9 @@ from covey.optimize.search import POLISH, candidate_poses, spread
 from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 from covey.sensing.kernels import visibility_gradients
 
+CLIMB = 60
+"""Evaluations for a first climb from a pair of poses: two agents have twice the coordinates of one."""
+
 MANY = 200
 LEAST_STARTS = 12
 """Above this many landmarks fewer pairs are climbed from, in proportion, but at least so many."""
@@ -146,7 +149,7 @@ class PairSearch:
             np.vstack(edges),
             np.array([0, len(edges[0]), len(edges[0]) + len(edges[1])]),
             starts,
-            60,
+            CLIMB,
             max(1, self.keep * count // self.starts),
             POLISH,
             1e-7,
