@@ -5,6 +5,7 @@ JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input -q
+PINNED := --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url --no-header --quiet
 SOURCES := src tests benchmarks examples
 
 .DEFAULT_GOAL := help
@@ -15,10 +16,10 @@ help:  ## list the targets
 
 setup: $(VENV)/.installed  ## make the virtual environment with the pinned requirements
 
-demo: setup  ## plan the thesis's scene; show the deployment and draw it
+demo: setup  ## fly the thesis's mission in MuJoCo; show the deployment, draw and film the flight
 	@rm -rf build/demo
-	$(BIN)/covey plan examples/thesis-5.1.yaml --out build/demo --bound --baseline
-	@echo "The figure is build/demo/deployment.png, the whole result build/demo/result.json."
+	$(BIN)/covey fly examples/thesis-5.1.yaml --out build/demo --film
+	@echo "Look at build/demo: flight.png, deployment.png and the film flight.mp4 (flight.gif without ffmpeg)."
 
 test: setup  ## run all tests
 	$(BIN)/python -m pytest -n $(JOBS)
@@ -36,7 +37,7 @@ format: setup  ## format the sources and mend what the linter can
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
 
-bench: setup  ## print the benchmarks as JSON
+bench: $(VENV)/.bench  ## print the benchmarks as JSON
 	@$(BIN)/python benchmarks/run.py
 
 images: setup  ## draw the pictures of the documentation anew
@@ -45,8 +46,9 @@ images: setup  ## draw the pictures of the documentation anew
 	$(BIN)/covey heatmap --out docs/images/visibility.png --force
 
 lock: setup  ## pin the requirements anew
-	$(BIN)/uv pip compile pyproject.toml requirements/dev.in --output-file requirements/dev.txt --upgrade \
-	    --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url --no-header --quiet
+	$(BIN)/uv pip compile pyproject.toml requirements/dev.in --output-file requirements/dev.txt $(PINNED)
+	$(BIN)/uv pip compile requirements/bench.in --constraint requirements/dev.txt --output-file requirements/bench.txt \
+	    $(PINNED)
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf $(VENV) build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
@@ -64,4 +66,8 @@ $(VENV)/.requirements: requirements/dev.txt
 
 $(VENV)/.installed: $(VENV)/.requirements pyproject.toml
 	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(VENV)/.bench: $(VENV)/.installed requirements/bench.txt
+	$(PIP) install --require-hashes -r requirements/bench.txt
 	@touch $@

@@ -25,7 +25,7 @@ R = TypeVar("R")
 FASTMATH = frozenset({"reassoc", "nsz", "arcp", "contract"})
 """Sums may be reordered so that they run in vector registers; proofs allow for the rounding of any order."""
 
-_PACKAGES = ("geometry", "sensing", "optimize")
+_PACKAGES = ("geometry", "sensing", "optimize", "flight", "simulators")
 
 
 @functools.cache

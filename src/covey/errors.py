@@ -8,10 +8,10 @@
     │   ├── MissionError          a mission file: carries every mistake found, with line and key
     │   └── ResultError           a result directory: missing, incomplete or inconsistent
     ├── OutputError               the output cannot be written, or would overwrite something
-    └── SolverError               an optimiser could not do what it promises
+    └── SolverError               an optimiser could not do what it promises, or a simulation diverged
 
 Exit codes of the command line: 0 success, 1 the deployment violates its certificate, 2 bad input, usage or output,
-3 an optimiser failed, 130 Ctrl-C.
+3 an optimiser or a simulation failed, 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -86,6 +86,6 @@ class OutputError(CoveyError):
 
 
 class SolverError(CoveyError):
-    """An optimiser could not do what it promises."""
+    """An optimiser could not do what it promises, or a simulation diverged."""
 
     exit_code = 3

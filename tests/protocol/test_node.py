@@ -360,7 +360,21 @@ def test_a_waypoint_that_cannot_be_reached() -> None:
     assert node.avoid == (pose_at(2),)
     assert node.adopt_pose(1.0, Pose2(2.01, 0.0, 0.01)) == []
     assert asked(node).avoid == (pose_at(2),)
-    assert node.waypoint_unreachable(2.0, pose_at(0)) == []
+    assert node.waypoint_unreachable(2.0, pose_at(1)) == []
+
+
+def test_a_waypoint_that_cannot_be_kept() -> None:
+    node = make(1)
+    (event,) = of(node.waypoint_unreachable(2.0, pose_at(1)), WaypointAbandoned)
+    assert (event.abandoned, node.pose, node.at_waypoint) == (pose_at(0), pose_at(1), True)
+
+
+def test_the_pose_stays_while_a_trade_goes_on() -> None:
+    node = make(1)
+    asked(node)
+    assert node.lock is not Lock.IDLE
+    assert node.waypoint_unreachable(2.0, pose_at(1)) == []
+    assert node.pose == pose_at(0)
 
 
 def test_a_pose_that_a_partner_could_not_reach_is_not_proposed_to_it() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from types import TracebackType
@@ -82,7 +83,8 @@ class ProgressLine:
 
 def _line(progress: Progress) -> str:
     what = "at most" if progress.stage == "bounding" else "score"
-    parts = [f"{progress.stage}: {what} {progress.score:.2f}"]
+    known = math.isfinite(progress.score)  # an exercise has none
+    parts = [f"{progress.stage}: {what} {progress.score:.2f}" if known else progress.stage]
     if progress.trades:
         parts.append(f"{progress.trades} trade{'s' * (progress.trades != 1)}")
     if progress.messages:

@@ -19,7 +19,7 @@ from covey.coverage.certificate import Certificate
 from covey.runtime.lattice import find_lattice
 from covey.runtime.palette import colours
 from covey.runtime.record import FILES
-from covey.runtime.result import Baseline, Deployment
+from covey.runtime.result import Baseline, Deployment, FlightReport
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -112,6 +112,8 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
         facts += [("", f"{item.kind}: {printable(item.message)}") for item in deployment.certificate.violations[:5]]
     else:
         facts.append(("Proof", f"none: {deployment.status.value}"))
+    if deployment.flight is not None:
+        facts += _flight_facts(deployment.flight)
     if deployment.bound is not None:
         facts.append(("Bound", bound_line(deployment.bound)))
     if deployment.baseline is not None:
@@ -120,6 +122,25 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
         facts.append(("Time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in deployment.timing_s.items())))
     if directory is not None:
         facts.append(("Files", f"{directory}: {', '.join(name for name in FILES if (directory / name).exists())}"))
+    return facts
+
+
+def _flight_facts(flight: FlightReport) -> list[tuple[str, str]]:
+    """Say how a mission was flown, and what went wrong."""
+    how = (
+        f"{flight.duration:.0f} s in {flight.simulator} with {flight.vehicle}, {flight.real_time_factor:.0f} times real "
+        f"time; tracking {100.0 * flight.tracking_rms:.1f} cm rms; score as flown {flight.score_flown:.2f}"
+    )
+    apart = (
+        f"at least {flight.min_separation:.2f} m, {flight.required_separation:.2f} m required; "
+        f"{_count(flight.collisions, 'collision')}; keeping apart cost {flight.separation_cost:.2f} in score"
+    )
+    waypoints = f"{flight.waypoints_reached} reached, {flight.waypoints_missed} missed"
+    facts = [("Flight", how), ("Apart", apart), ("Waypoints", waypoints)]
+    worth = [event for event in flight.events if event.kind in ("missed", "lost", "collision", "fault")]
+    facts += [("", f"{event.time:.1f} s: {printable(event.text)}") for event in worth[:8]]
+    if len(worth) > 8:
+        facts.append(("", f"and {len(worth) - 8} more, see result.json"))
     return facts
 
 

@@ -14,6 +14,8 @@ from pydantic_core import ErrorDetails
 from covey.environment import Landmarks
 from covey.environment.json_text import KeyPath, describe
 from covey.geometry import Pose2, Region
+from covey.mission.flight_build import build_flight
+from covey.mission.flight_schema import FlightSection
 from covey.mission.model import (
     AgentSpec,
     Assignment,
@@ -23,6 +25,7 @@ from covey.mission.model import (
     SensorSpec,
     Trade,
     draw_pose,
+    draw_poses,
 )
 from covey.mission.report import Report, nearest, one_of, plain_path, wrong_version
 from covey.mission.schema import (
@@ -37,9 +40,9 @@ from covey.mission.schema import (
     LandmarksSection,
     MissionFile,
     RegionSection,
-    Section,
     SensorSection,
 )
+from covey.mission.schema_base import Section
 from covey.mission.sites import SiteBuilder
 
 S = TypeVar("S", bound=Section)
@@ -58,6 +61,7 @@ class _Parts:
     agents: list[AgentSection | None]
     coverage: CoverageOptions | None
     georeference: GeoreferenceSection | None
+    flight: FlightSection | None
 
 
 def build(data: Any, report: Report, *, folder: Path, path: Path | None, seed: int | None) -> Mission | None:
@@ -81,6 +85,7 @@ def build(data: Any, report: Report, *, folder: Path, path: Path | None, seed: i
             list(_agents(file.agents)),
             file.coverage,
             file.georeference,
+            file.flight,
         )
     except ValidationError as error:
         errors = error.errors(include_url=False)
@@ -109,7 +114,7 @@ def _wrong(errors: list[ErrorDetails]) -> set[KeyPath]:
         match path:
             case _ if error["type"] == "extra_forbidden":
                 result.add(path)
-            case ("sensor" | "coverage", _, *_):
+            case ("sensor" | "coverage" | "flight", _, *_):
                 result.add(path[:2])
             case ("environment", "landmarks", key, *_) if key not in ("normals", "normals_deg"):
                 result.add(path[:3])
@@ -151,6 +156,7 @@ def _salvage(data: dict[str, Any]) -> _Parts:
         ],
         _valid(CoverageOptions, data.get("coverage", {})),
         _valid(GeoreferenceSection, data.get("georeference")),
+        _valid(FlightSection, data.get("flight")),
     )
 
 
@@ -196,9 +202,11 @@ class _Builder:
         ]
         names = self._names(data.get("agents"))
         coverage = self._coverage(parts.coverage, names, None if landmarks is None else len(landmarks))
+        flight = build_flight(parts.flight, names, self._report, folder=self._folder)
         if (
             file is None
             or seed is None
+            or flight is None
             or landmarks is None
             or region is None
             or sensor is None
@@ -213,8 +221,11 @@ class _Builder:
             landmarks=landmarks,
             region=region,
             sensor=sensor,
-            agents=tuple(agent for agent in agents if agent is not None),
+            agents=draw_poses(
+                [agent for agent in agents if agent is not None], seed=seed, spacing=flight.start_spacing
+            ),
             coverage=coverage,
+            flight=flight,
             georeference=georeference,
             source=data,
             path=path,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,13 @@ import numpy as np
 
 from covey.environment import GeoReference, Landmarks
 from covey.geometry import Pose2, Region
+from covey.mission.flight import FlightSpec
 
 _POSE_STREAM = 1
 """Spawn key that keeps the numbers drawn for poses apart from all others of the mission's seed."""
+
+DRAWS = 500
+"""How often a pose is drawn at most until it lies far enough from the others."""
 
 
 class Trade(enum.Enum):
@@ -126,6 +130,8 @@ class Mission:
         Of every agent without a sensor of its own.
     agents : tuple of AgentSpec
     coverage : CoverageSpec
+    flight : FlightSpec
+        How it is flown.
     georeference : GeoReference or None
         Where on earth the frame W is.
     source : mapping
@@ -142,6 +148,7 @@ class Mission:
     sensor: SensorSpec
     agents: tuple[AgentSpec, ...]
     coverage: CoverageSpec
+    flight: FlightSpec = field(default_factory=FlightSpec)
     georeference: GeoReference | None = None
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Path | None = None
@@ -151,18 +158,36 @@ class Mission:
 
         ``dataclasses.replace(mission, seed=...)`` changes the seed and keeps the poses.
         """
-        agents = tuple(
-            replace(agent, pose=draw_pose(agent.region, seed=seed, index=i)) if agent.drawn else agent
-            for i, agent in enumerate(self.agents)
-        )
-        return replace(self, seed=seed, agents=agents)
+        return replace(self, seed=seed, agents=draw_poses(self.agents, seed=seed, spacing=self.flight.start_spacing))
 
 
-def draw_pose(region: Region, *, seed: int, index: int) -> Pose2:
-    """Draw the initial pose of agent `index`: position uniform in its region, yaw uniform.
+def draw_poses(agents: Sequence[AgentSpec], *, seed: int, spacing: float = 0.0) -> tuple[AgentSpec, ...]:
+    """Draw the initial poses that a mission leaves open.
+
+    A position nearer than `spacing` metres to that of an agent before it, or to one that the mission gives, is drawn
+    again, `DRAWS` times at most.
+    """
+    taken = [agent.pose for agent in agents if not agent.drawn]
+    result = []
+    for index, agent in enumerate(agents):
+        if agent.drawn:
+            for draw in range(DRAWS):
+                pose = draw_pose(agent.region, seed=seed, index=index, draw=draw)
+                if all(math.dist((pose.x, pose.y), (other.x, other.y)) >= spacing for other in taken):
+                    break
+            taken.append(pose)
+            agent = replace(agent, pose=pose)
+        result.append(agent)
+    return tuple(result)
+
+
+def draw_pose(region: Region, *, seed: int, index: int, draw: int = 0) -> Pose2:
+    """Draw the initial pose of agent `index`: position uniform in its region, yaw uniform; `draw` numbers the tries.
 
     Each agent has a stream of its own, so that another agent more or less moves no one else.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_POSE_STREAM, index)))
+    rng = np.random.default_rng(
+        np.random.SeedSequence(seed, spawn_key=(_POSE_STREAM, index, *([draw] if draw else [])))
+    )
     x, y = region.sample(1, rng=rng)[0]
     return Pose2(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))

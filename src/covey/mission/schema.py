@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+from covey.mission.flight_schema import FlightSection
+from covey.mission.schema_base import (
+    Corner,
+    Degrees,
+    FileName,
+    Length,
+    Metres,
+    Name,
+    Range,
+    Ring,
+    Section,
+    Vector,
+    Weight,
+    one_of_keys,
+)
 
 SCHEMA_VERSIONS = (1,)
 """Versions of the file that this covey reads."""
@@ -33,31 +48,6 @@ def _tag(**tags: type | tuple[type, ...]) -> Discriminator:
         return None
 
     return Discriminator(choose)
-
-
-def _one_of(*keys: str) -> Callable[[dict[str, Any]], None]:
-    def extra(schema: dict[str, Any]) -> None:
-        schema["oneOf"] = [{"required": [key]} for key in keys]
-
-    return extra
-
-
-class Section(BaseModel):
-    """What all parts of the file share: no unknown keys, no conversions of type, no NaN or infinity."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
-
-
-Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
-Length = Annotated[float, Field(gt=0.0, le=1e7)]
-Degrees = Annotated[float, Field(ge=-36000.0, le=36000.0)]
-Weight = Annotated[float, Field(ge=0.0, le=1e9)]
-Range = Annotated[list[Metres], Field(min_length=2, max_length=2, description="[min, max], metres")]
-Corner = Annotated[list[Metres], Field(min_length=2, max_length=2, description="[x, y], metres")]
-Vector = Annotated[list[Metres], Field(min_length=2, max_length=2, description="[x, y], of any length")]
-Ring = Annotated[list[Corner], Field(min_length=3, description="Corners in order, not closed, metres")]
-FileName = Annotated[str, Field(min_length=1, max_length=1000)]
-Name = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f\\/]+$")]
 
 
 class PolygonSection(Section):
@@ -87,7 +77,7 @@ class GridSection(Section):
 class LandmarksSection(Section):
     """What is to be seen: exactly one of grid, points, csv, curve, polygon, geojson."""
 
-    model_config = ConfigDict(json_schema_extra=_one_of(*SHAPES))
+    model_config = ConfigDict(json_schema_extra=one_of_keys(*SHAPES))
 
     grid: GridSection | None = Field(default=None, description="Cell centres of a box")
     points: list[Corner] | None = Field(default=None, min_length=1, description="Landmarks one by one, [x, y], metres")
@@ -153,7 +143,7 @@ class BoxSection(Section):
 class RegionSection(Section):
     """Where an agent may be: exactly one of box, polygon, geojson."""
 
-    model_config = ConfigDict(json_schema_extra=_one_of(*AREAS))
+    model_config = ConfigDict(json_schema_extra=one_of_keys(*AREAS))
 
     box: BoxSection | None = Field(default=None, description="An axis-aligned box")
     polygon: PolygonValue | None = Field(
@@ -262,6 +252,7 @@ class MissionFile(Section):
         _tag(list=list, count=dict),
     ] = Field(description="The team: a list, or {count: n} for n agents with drawn poses")
     coverage: CoverageOptions = Field(default=CoverageOptions(), description="How the team trades")
+    flight: FlightSection | None = Field(default=None, description="How it is flown; only `covey fly` reads it")
     georeference: GeoreferenceSection | None = Field(
         default=None,
         description="Origin of the mission's metres on earth; by default the centroid of the first GeoJSON polygon: of "

@@ -229,17 +229,20 @@ class Node:
         return self._finish([])
 
     def waypoint_unreachable(self, now: float, held_pose: Pose2) -> list[Output]:
-        """Report that the pose of the last `GoTo` cannot be reached and the vehicle holds another.
+        """Report that the pose of the last `GoTo` cannot be reached, or not be kept, and the vehicle holds another.
 
         The pose held is committed, Q is filled again, the waypoint is never offered again, and `WaypointAbandoned`
-        reports what it cost: the one place where the team's score may fall.  Does nothing when no waypoint is pending.
+        reports what it cost: the one place where the team's score may fall.  Does nothing while a trade goes on, which
+        is judged at the committed pose; to hold the committed pose is to have reached it.
 
         Notes
         -----
         Deviation: V8.
         """
         outputs: list[Output] = []
-        if not self.at_waypoint:
+        if self.lock is Lock.IDLE and held_pose == self.pose:
+            self.at_waypoint = True
+        elif self.lock is Lock.IDLE:
             abandoned = self.pose
             before, after = self._score(abandoned), self._score(held_pose)
             self._holdings.never_again(abandoned)

@@ -112,14 +112,23 @@ class TeamPlanner:
         self.sigma = mission.coverage.sigma
         self.landmarks: Landmarks = mission.landmarks
         self.weights: NDArray[np.float64] = mission.landmarks.weights
-        self.models = tuple(models)
-        self.regions: tuple[Region, ...] = tuple(agent.region for agent in mission.agents)
+        self.models = list(models)
+        self.regions: list[Region] = [agent.region for agent in mission.agents]
         self.optimizer = build_optimizer(optimizer)
         self.optimizations = 0
         self._trade = trade
         self._rngs = [generator(seed, Stream.PLANNER, agent) for agent in range(len(mission.agents))]
         self._pair = PairSearch()
         self._seen: list[dict[Pose2, NDArray[np.float64]]] = [{} for _ in mission.agents]
+
+    def restrict(self, agent: int, region: Region) -> None:
+        """From now on offer an agent only positions in this region."""
+        self.regions[agent] = region
+
+    def replace_model(self, agent: int, model: VisibilityModel) -> None:
+        """Give an agent another sensor."""
+        self.models[agent] = model
+        self._seen[agent].clear()
 
     def visibility(self, agent: int, pose: Pose2) -> NDArray[np.float64]:
         """Visibility of every landmark for an agent at a pose, shape (n,); the last few answers are kept."""
@@ -134,6 +143,8 @@ class TeamPlanner:
 
     def improve(self, agent: int, pose: Pose2, landmarks: NDArray[np.int64]) -> Pose2 | None:
         """Return a pose that is better by more than `LEAST_GAIN`, or None (Algorithm 3).  Deviation: V3."""
+        if self._is_blind(agent):
+            return None
         self.optimizations += 1
         problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self.regions[agent])
         result = self.optimizer.maximize(problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent])
@@ -164,7 +175,8 @@ class TeamPlanner:
         """Both poses and the split of the union together."""
         union = np.concatenate([server.landmarks, client.landmarks])
         union.sort()
-        if not len(union) or self._apart(server, client):
+        blind = self._is_blind(server.agent) or self._is_blind(client.agent)
+        if not len(union) or blind or self._apart(server, client):
             return None
         models = (self.models[server.agent], self.models[client.agent])
         problem = PairProblem(
@@ -183,6 +195,9 @@ class TeamPlanner:
         if tie.any():
             mine = np.where(tie, np.isin(union, server.landmarks, assume_unique=True), mine)
         return Proposal(poses[0], poses[1], union[mine], union[~mine])
+
+    def _is_blind(self, agent: int) -> bool:
+        return self.models[agent].maximum == 0.0
 
     def _score(self, state: AgentState) -> float:
         row = self.visibility(state.agent, state.pose)[state.landmarks]

@@ -20,6 +20,7 @@ from covey.errors import ArgumentError, ResultError
 from covey.geometry import Pose2, Region
 from covey.mission import AgentSpec, Assignment, CoverageSpec, Mission, OptimizerName, SensorSpec, Trade
 from covey.runtime.checked import CheckedValue, parse_json
+from covey.runtime.flight_document import flight_document, read_flight
 from covey.runtime.result import AgentResult, Baseline, Deployment, HistoryEntry, PlanStatus, Scores
 
 SCHEMA_VERSION = 1
@@ -78,6 +79,7 @@ def to_document(deployment: Deployment, *, folder: Path | None = None) -> dict[s
         "baseline": None
         if baseline is None
         else {"greedy": _number(baseline.greedy), "greedy_lloyd": _number(baseline.greedy_lloyd)},
+        "flight": None if deployment.flight is None else flight_document(deployment.flight),
         "timing_s": {str(key): _number(value) for key, value in deployment.timing_s.items()},
         "software": {str(key): str(value) for key, value in deployment.software.items()},
     }
@@ -202,6 +204,7 @@ def _deployment(root: CheckedValue, folder: Path | None) -> Deployment:
         certificate=_read_certificate(root.get("certificate")),
         bound=_read_bound(root.get("bound")),
         baseline=_read_baseline(root.get("baseline")),
+        flight=None if (flight := root.get("flight")) is None else read_flight(flight),
         timing_s={key: value.known(math.nan) for key, value in root["timing_s"].members()},
         software={key: value.text() for key, value in root["software"].members()},
     )

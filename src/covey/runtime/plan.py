@@ -10,10 +10,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from covey.coverage import Certificate
-from covey.mission import Mission, OptimizerName, Trade
+from covey.geometry import Region
+from covey.mission import Mission, OptimizerName, SensorSpec, Trade
 from covey.optimize import PoseResult
 from covey.optimize.team_bound import require_built_in
 from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
@@ -21,7 +22,8 @@ from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
 from covey.runtime.streams import Stream, generator
-from covey.runtime.team import Team
+from covey.runtime.team import Team, Travel
+from covey.sensing.registry import build_model
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -82,16 +84,31 @@ def plan(
         trade=mission.coverage.trade if trade is None else Trade(trade),
         optimizer=mission.coverage.optimizer if optimizer is None else OptimizerName(optimizer),
     )
-    run = _Run(replace(mission, coverage=coverage), on_progress)
+    run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
     return run.deployment(bound=bound, baseline=baseline)
 
 
-class _Run:
-    """One planning run."""
+class PlanRun:
+    """One planning run.
 
-    def __init__(self, mission: Mission, on_progress: Callable[[Progress], None] | None) -> None:
+    Parameters
+    ----------
+    mission : Mission
+    on_progress : callable or None
+        Called with a `Progress` ten times a second at most.
+    travel : Travel, optional
+        How agents get to their waypoints; at once by default.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        on_progress: Callable[[Progress], None] | None,
+        *,
+        travel: Travel | None = None,
+    ) -> None:
         self.mission = mission
         self.seed = mission.seed
         self.models = build_models(mission)
@@ -99,25 +116,46 @@ class _Run:
         self.planner = TeamPlanner(
             mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
         )
-        self.team = Team(mission, self.planner, seed=self.seed)
+        self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
 
-    def deployment(self, *, bound: bool, baseline: bool) -> Deployment:
+    def deployment(self, *, bound: bool = False, baseline: bool = False) -> Deployment:
+        """Plan to the end, prove it, and return what came out."""
         certificate = None
         status = PlanStatus.INTERRUPTED
         try:
             certificate = self._settle()
             status = PlanStatus.SETTLED
         except KeyboardInterrupt:
-            self.team.rescore()
+            pass
+        result = self._result(status, certificate)
+        with suppress(KeyboardInterrupt):  # it takes nothing away from what has settled
+            if bound and status is PlanStatus.SETTLED:
+                with self._timed("bound"):
+                    result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
+            if baseline and status is PlanStatus.SETTLED:
+                with self._timed("baseline"):
+                    self.report("baseline", force=True)
+                    rng = generator(self.seed, Stream.BASELINE)
+                    result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
+        self.timing["total"] = sum(self.timing.values())
+        return replace(result, timing_s=self.timing)
+
+    def interrupted(self) -> Deployment:
+        """Return what is known by now."""
+        return self._result(PlanStatus.INTERRUPTED, None)
+
+    def _result(self, status: PlanStatus, certificate: Certificate | None) -> Deployment:
         team = self.team
+        if status is PlanStatus.INTERRUPTED:
+            team.rescore()  # the interrupt may have come in the middle of an event
         agents = tuple(
             AgentResult(specification.name, team.poses[i], float(team.scores[i]), landmarks)
             for i, (specification, landmarks) in enumerate(zip(self.mission.agents, team.sets(), strict=True))
         )
-        result = Deployment(
+        return Deployment(
             mission=self.mission,
             seed=self.seed,
             sigma=self.mission.coverage.sigma,
@@ -133,37 +171,44 @@ class _Run:
             software=dict(_software()),
             snapshots=team.finish(),
         )
-        with suppress(KeyboardInterrupt):  # it takes nothing away from what has settled
-            if bound and status is PlanStatus.SETTLED:
-                with self._timed("bound"):
-                    result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
-            if baseline and status is PlanStatus.SETTLED:
-                with self._timed("baseline"):
-                    self._report("baseline", force=True)
-                    rng = generator(self.seed, Stream.BASELINE)
-                    result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
-        self.timing["total"] = sum(self.timing.values())
-        return replace(result, timing_s=self.timing)
+
+    def restrict(self, agent: int, region: Region) -> None:
+        """From now on keep an agent's poses in a region: the rest of its own cannot be reached."""
+        self.planner.restrict(agent, region)
+        self._respecify(agent, region=region)
+
+    def blind(self, agent: int) -> None:
+        """Take an agent's camera away: its partners may take its landmarks over."""
+        specification = SensorSpec("blind", {})
+        model = build_model(specification.model)
+        self.models = (*self.models[:agent], model, *self.models[agent + 1 :])
+        self.planner.replace_model(agent, model)
+        self._respecify(agent, sensor=specification)
+        self.team.note("lost", agent)
+
+    def _respecify(self, agent: int, **changes: Any) -> None:
+        agents = list(self.mission.agents)
+        agents[agent] = replace(agents[agent], **changes)
+        self.mission = self.team.mission = replace(self.mission, agents=tuple(agents))
 
     def _settle(self) -> Certificate:
         """Trade to the end and prove every pose; go on as long as a proof finds a better one."""
-        team, mission = self.team, self.mission
+        team = self.team
         with self._timed("first_optimization"):
             for done, _ in enumerate(team.start(), start=1):
-                self._report("optimizing", fraction=done / len(mission.agents))
+                self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
-        proved: dict[int, tuple[object, bytes]] = {}
+        proved: dict[int, tuple[object, object, bytes]] = {}
         while True:
             with self._timed("trading"):
-                while not team.terminated:
-                    team.step()
-                    self._report("trading")
+                while team.advance():
+                    self.report("trading")
             with self._timed("proof"):
                 sets = team.sets()
-                states = {i: (team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                states = {i: (self.mission.agents[i], team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
-                    mission,
+                    self.mission,
                     self.models,
                     team.poses,
                     sets,
@@ -172,16 +217,17 @@ class _Run:
                     on_done=partial(self._report_proofs, of=len(open_agents)),
                 )
                 proved |= {i: states[i] for i in open_agents}
-                least = LEAST_GAIN * mission.coverage.sigma
+                least = LEAST_GAIN * self.mission.coverage.sigma
                 better = [i for i in open_agents if len(sets[i]) and proofs[i].score > team.scores[i] + least]
                 adopted = [i for i in better if team.adopt(i, proofs[i].pose)]
                 if not adopted:
-                    return build_certificate(mission, self.models, team.poses, sets, proofs)
+                    return build_certificate(self.mission, self.models, team.poses, sets, proofs)
 
     def _report_proofs(self, done: int, *, of: int) -> None:
-        self._report("proving", fraction=done / of)
+        self.report("proving", fraction=done / of)
 
-    def _report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
+    def report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
+        """Tell how far the run is, when it is time to."""
         now = time.monotonic()
         if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
             self._reported = now

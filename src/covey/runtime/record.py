@@ -8,6 +8,7 @@ import itertools
 import math
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from covey.errors import ResultError
@@ -16,7 +17,8 @@ from covey.runtime.output import check_target, staged
 from covey.runtime.result import Deployment
 
 RESULT = "result.json"
-FILES = ("agents.csv", "deployment.png", "deployment.pdf", "deployment.geojson", RESULT)
+FLIGHT_FILES = ("flight.npz", "flight.png", "flight.pdf", "flight.mp4", "flight.gif")
+FILES = ("agents.csv", "deployment.png", "deployment.pdf", "deployment.geojson", *FLIGHT_FILES, RESULT)
 """What a result directory may hold; `RESULT` last, since a directory that has it is complete."""
 
 MAX_BYTES = 500_000_000
@@ -25,7 +27,13 @@ MAX_BYTES = 500_000_000
 DEFAULT_PARENT = Path("covey-out")
 
 
-def write_result(deployment: Deployment, directory: str | Path, *, overwrite: bool = False) -> Path:
+def write_result(
+    deployment: Deployment,
+    directory: str | Path,
+    *,
+    overwrite: bool = False,
+    more: Callable[[Path], object] | None = None,
+) -> Path:
     """Write a deployment into a directory.
 
     The files are made beside their place and then moved there, so that a full disk or Ctrl-C leaves either the complete
@@ -38,6 +46,8 @@ def write_result(deployment: Deployment, directory: str | Path, *, overwrite: bo
         It is made if need be.
     overwrite : bool
         Replace an earlier result of covey there.  Other files in the directory stay as they are.
+    more : callable, optional
+        Writes others of `FILES` into the directory that it is given.
 
     Returns
     -------
@@ -52,6 +62,8 @@ def write_result(deployment: Deployment, directory: str | Path, *, overwrite: bo
     target = Path(directory)
     check_result_target(target, overwrite=overwrite)
     with staged(target, FILES) as staging:
+        if more is not None:
+            more(staging)
         _write_files(deployment, staging, target)
     return target
 

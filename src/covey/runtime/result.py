@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from covey.mission import Mission, OptimizerName, Trade
+    from covey.vehicles.flight_log import FlightEvent
 
 
 class PlanStatus(enum.Enum):
@@ -108,6 +109,59 @@ class HistoryEntry:
 
 
 @dataclass(frozen=True)
+class FlightReport:
+    """How a mission was flown; lengths in metres, times in seconds.
+
+    Parameters
+    ----------
+    simulator : str
+        ``mujoco``, ``reference`` or ``kinematic``.
+    vehicle : str
+    duration : float
+        From take-off to landing, simulated.
+    wall : float
+        The same on the wall's clock, trading and proofs included.
+    min_separation, required_separation : float
+        Least scaled distance between two vehicles in the air (infinite for one vehicle), and what it must not fall
+        below.
+    altitudes : tuple of float
+        One an agent.
+    separation_cost : float
+        What keeping apart cost in score.
+    collisions : int
+    tracking_rms : float
+        Root mean square of the distance from the reference.
+    waypoints_reached, waypoints_missed : int
+    score_flown : float
+        Team score from the true poses when the mission had settled.
+    lost : tuple of str
+        Agents whose vehicle did not come back.
+    events : tuple of FlightEvent
+    """
+
+    simulator: str
+    vehicle: str
+    duration: float
+    wall: float
+    min_separation: float
+    required_separation: float
+    altitudes: tuple[float, ...]
+    separation_cost: float
+    collisions: int
+    tracking_rms: float
+    waypoints_reached: int
+    waypoints_missed: int
+    score_flown: float
+    lost: tuple[str, ...]
+    events: tuple[FlightEvent, ...]
+
+    @property
+    def real_time_factor(self) -> float:
+        """How much faster than real time it was simulated."""
+        return self.duration / self.wall if self.wall > 0.0 else math.inf
+
+
+@dataclass(frozen=True)
 class Baseline:
     """Team scores without any trading: greedy placement, and Lloyd's iteration with local refinement after it."""
 
@@ -164,6 +218,8 @@ class Deployment:
         What no deployment of this team can exceed, when asked for.
     baseline : Baseline, optional
         What simpler methods reach, when asked for.
+    flight : FlightReport, optional
+        How it was flown, if it was.
     timing_s : mapping of str to float
         Seconds spent on each stage.
     software : mapping of str to str
@@ -190,6 +246,7 @@ class Deployment:
     certificate: Certificate | None = None
     bound: TeamBound | None = None
     baseline: Baseline | None = None
+    flight: FlightReport | None = None
     timing_s: Mapping[str, float] = field(default_factory=dict)
     software: Mapping[str, str] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()

@@ -20,6 +20,7 @@ class Stream(enum.IntEnum):
     PROOF = 6
     BASELINE = 7
     BOUND = 8
+    WEATHER = 9
 
 
 def generator(seed: int, stream: Stream, index: int = 0) -> np.random.Generator:

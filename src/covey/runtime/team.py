@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from covey.protocol import (
     LandmarkRecords,
     Lock,
     Node,
+    Output,
     PoseOptimized,
     Publish,
     TerminationDetector,
@@ -28,6 +30,37 @@ from covey.runtime.agent import TeamPlanner, nearest_first
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
+
+
+class Travel(Protocol):
+    """How agents get to their waypoints."""
+
+    def go_to(self, agent: int, pose: Pose2) -> None:
+        """Send an agent's vehicle to a pose."""
+        ...
+
+    def under_way(self, agent: int) -> bool:
+        """Whether an agent's vehicle has not arrived yet."""
+        ...
+
+    def wait(self, agent: int) -> Pose2 | None:
+        """Let time pass until an agent is not under way; return the pose it holds instead if it cannot get there."""
+        ...
+
+
+class Teleport:
+    """Planning without flying: the vehicle is at its waypoint at once."""
+
+    def go_to(self, agent: int, pose: Pose2) -> None:
+        """Do nothing."""
+
+    def under_way(self, agent: int) -> bool:
+        """Return False."""
+        return False
+
+    def wait(self, agent: int) -> Pose2 | None:
+        """Return None."""
+        return None
 
 
 def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
@@ -60,15 +93,22 @@ class Team:
     planner : TeamPlanner
     seed : int
         Root of all randomness.
+    travel : Travel, optional
+        How agents get to their waypoints; at once by default.
 
     Notes
     -----
+    What is addressed to an agent under way waits until it has arrived, and so does all that comes after it on the bus.
+    So the order of events, and with it the outcome, is the same however long the way takes; nothing tells a node
+    apart from one that hears of its arrival in time, and therefore it is told at once.
+
     The state kept here (poses, owner, history) is that of the newest committed records, as an observer sees it that
     hears each event the moment it happens; the nodes themselves know only what messages told them.
     """
 
-    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int) -> None:
+    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
         self.mission = mission
+        self.travel = travel or Teleport()
         self.planner = planner
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = initial_owners(mission, seed)
@@ -94,11 +134,6 @@ class Team:
         """Team score at the committed poses, eq. (4.5)."""
         return float(self.scores.sum())
 
-    @property
-    def terminated(self) -> bool:
-        """Whether every agent is quiescent and no trade is in flight, as the observer detects it."""
-        return self._detector.terminated
-
     def start(self) -> Iterator[None]:
         """Optimise every agent's first pose, one an iteration."""
         for agent in range(len(self.nodes)):
@@ -106,8 +141,36 @@ class Team:
             yield
         self._take_snapshot("after_first_optimization")
 
-    def step(self) -> None:
-        """Let the next thing on the bus happen."""
+    def advance(self) -> bool:
+        """Let the next thing happen; False when nothing is left to do.
+
+        That is when every agent is quiescent and no trade is in flight, as an observer detects it, and everybody has
+        arrived.
+        """
+        if self._detector.terminated:
+            for agent in range(len(self.nodes)):
+                self._await(agent)
+            return not self._detector.terminated
+        concerned = self.bus.next_agent()
+        if concerned is not None and self._await(concerned):
+            return True
+        self._step()
+        return True
+
+    def _await(self, agent: int) -> bool:
+        """Let an agent arrive; whether it turned out that it cannot."""
+        if not self.travel.under_way(agent):
+            return False
+        held = self.travel.wait(agent)
+        if held is not None:
+            self.hold(agent, held)
+        return held is not None
+
+    def hold(self, agent: int, pose: Pose2) -> None:
+        """Commit the pose that an agent holds because it cannot reach or keep its waypoint (V8)."""
+        self._carry_out(agent, self.nodes[agent].waypoint_unreachable(self.bus.now, pose))
+
+    def _step(self) -> None:
         step = self.bus.step()
         assert step is not None, "the bus ran dry before termination was detected"
         if step.agent is not None:
@@ -120,14 +183,22 @@ class Team:
     def adopt(self, agent: int, pose: Pose2) -> bool:
         """Offer an agent a better pose that a proof found; whether it took it."""
         outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
+        self._carry_out(agent, outputs)
+        return any(isinstance(output, PoseOptimized) for output in outputs)
+
+    def _carry_out(self, agent: int, outputs: Sequence[Output]) -> None:
+        """Do what a node asks for after a direct call; the observer hears of it at once."""
         for output in outputs:
             if isinstance(output, Publish):
                 self._detector.receive(output.heartbeat)
         self._act(agent, self.bus.apply(agent, outputs))
-        return any(isinstance(output, PoseOptimized) for output in outputs)
+
+    def note(self, event: str, agent: int) -> None:
+        """Score an agent anew and put into the history why."""
+        self._log(event, (agent,))
 
     def rescore(self) -> None:
-        """Compute every score anew, for when an interrupt came in the middle of an event."""
+        """Compute every score anew."""
         self.scores = self._all_scores()
 
     def sets(self) -> list[NDArray[np.int64]]:
@@ -152,7 +223,7 @@ class Team:
     def _act(self, agent: int, outputs: Sequence[GoTo | Event]) -> None:
         for output in outputs:
             if isinstance(output, GoTo):
-                # planning without flying: the vehicle is at its waypoint at once
+                self.travel.go_to(agent, output.pose)
                 self._act(agent, self.bus.apply(agent, self.nodes[agent].waypoint_reached(self.bus.now)))
             elif isinstance(output, TradeCommitted):
                 self._on_trade(output)

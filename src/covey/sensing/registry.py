@@ -13,12 +13,14 @@ from types import ModuleType
 from covey.errors import InputError
 from covey.sensing.anisotropic import Anisotropic
 from covey.sensing.base import VisibilityModel, is_compiled
+from covey.sensing.blind import Blind
 from covey.sensing.checked import CheckedModel, call_user_code
 from covey.sensing.isotropic import Isotropic
 from covey.sensing.oriented import Oriented
 
 MODELS: Mapping[str, Callable[..., VisibilityModel]] = {
     "anisotropic": Anisotropic,
+    "blind": Blind,
     "isotropic": Isotropic,
     "oriented": Oriented,
 }

@@ -199,6 +199,23 @@ class Loopback:
                 return Step(time, item.to, item.message, ())
         return None
 
+    def next_agent(self) -> int | None:
+        """Return whom the next step concerns; None: an observer, or nothing is on its way."""
+        while self._queue:
+            time, _, _, item = self._queue[0]
+            if isinstance(item, _Delivery):
+                return item.to
+            member = self._members[item.agent]
+            deadline = member.node.next_deadline()
+            if time == member.wake_at and deadline is not None and deadline <= time:
+                return item.agent
+            heapq.heappop(self._queue)  # `step` would pass over it as well
+            self.now = time
+            if time == member.wake_at:
+                member.wake_at = math.inf
+                self._schedule(member)
+        return None
+
     def send(self, to: int, message: Message) -> None:
         """Put a message on its way; one to nobody vanishes."""
         self.messages += 1

@@ -137,8 +137,8 @@ def test_a_team_logs_what_happens() -> None:
     for _ in team.start():
         pass
     assert [entry.event for entry in team.history[1:]] == ["optimization"] * 3
-    while not team.terminated:
-        team.step()
+    while team.advance():
+        pass
     trades = [entry for entry in team.history if entry.event == "trade"]
     assert len(trades) == team.trades > 0
     assert all(len(entry.agents) == 2 for entry in trades)
@@ -155,8 +155,8 @@ def test_a_worse_pose_is_not_adopted() -> None:
     team = Team(mission, planner(mission), seed=1)
     for _ in team.start():
         pass
-    while not team.terminated:
-        team.step()
+    while team.advance():
+        pass
     before = (team.score, list(team.poses))
     assert not team.adopt(0, Pose2(2.0, 2.0, 0.0))
     assert (team.score, team.poses) == before

@@ -1,0 +1,84 @@
+"""Flies an exercise file for ``covey fly``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from covey.cli.interrupt import INTERRUPTED, Interruption
+
+if TYPE_CHECKING:
+    from covey.runtime.exercise import ExerciseResult
+    from covey.runtime.result import Progress
+
+MISSED = 1
+"""Exit code for an exercise with a collision, a lost vehicle or a goal that was not reached."""
+
+
+def fly_exercise_file(
+    path: Path,
+    *,
+    vehicles: str,
+    seed: int | None,
+    out: Path | None,
+    realtime: bool,
+    film: bool,
+    json: bool,
+    quiet: bool,
+    force: bool,
+) -> None:
+    """Fly the exercise of a file, write it into a directory, and say how it went."""
+    from covey.mission.exercise import load_exercise
+
+    exercise = load_exercise(path, seed=seed)
+
+    from covey.cli.progress import ProgressLine
+    from covey.runtime.exercise import fly_exercise
+    from covey.runtime.record import default_directory
+    from covey.runtime.sortie_record import check_exercise_target, exercise_text, write_exercise
+
+    target = default_directory(exercise.name, exercise.seed) if out is None else out
+    check_exercise_target(target, overwrite=force)
+    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+
+        def report(news: Progress) -> None:
+            interruption.check()
+            progress(news)
+
+        result = fly_exercise(exercise, simulator=vehicles, realtime=realtime, on_progress=report)
+        write_exercise(result, target, overwrite=force, film=film, on_progress=progress)
+    if json:
+        typer.echo(exercise_text(result), nl=False)
+    elif not quiet:
+        _show(result, target)
+    if result.interrupted:
+        typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
+        raise typer.Exit(INTERRUPTED)
+    if result.summary["collisions"] or result.summary["lost"] or result.summary["waypoints_missed"]:
+        raise typer.Exit(MISSED)
+
+
+def _show(result: ExerciseResult, target: Path) -> None:
+    from covey.cli.summary import printable
+
+    summary = result.summary
+    least = summary["min_separation_m"]
+    apart = "one vehicle" if least is None else f"at least {least:.2f} m"
+    head = f"{printable(result.exercise.name)}: {summary['duration_s']:.0f} s in {summary['simulator']}"
+    lines = [
+        f"{head}, {summary['real_time_factor']:.0f} times real time",
+        f"Apart     {apart}; collisions: {summary['collisions']}",
+        f"Tracking  {100.0 * summary['tracking_rms_m']:.1f} cm rms",
+        f"Goals     {summary['waypoints_reached']} reached, {summary['waypoints_missed']} missed",
+    ]
+    if summary["min_object_gap_m"] is not None:
+        lines.append(f"Object    passes at {summary['min_object_gap_m']:.2f} m from the rotors")
+    lines += [
+        f"          {event['time_s']:.1f} s: {printable(event['text'])}"
+        for event in summary["events"]
+        if event["kind"] != "reached"
+    ]
+    lines.append(f"Files     {target}")
+    typer.echo("\n".join(lines))

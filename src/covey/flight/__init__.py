@@ -1,0 +1,1 @@
+"""Flight: vehicle model, control, navigation, and what simulators have to offer."""

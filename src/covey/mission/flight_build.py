@@ -1,0 +1,143 @@
+"""From the `flight` section of a mission file to a `FlightSpec`, or to every mistake in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from covey.environment.json_text import KeyPath
+from covey.errors import CoveyError
+from covey.mission.flight import Fault, FlightSpec, NoiseSpec, WindSpec
+from covey.mission.flight_schema import FlightSection, ObstacleSection, WindSection
+from covey.mission.report import Report, nearest, one_of
+
+if TYPE_CHECKING:
+    from covey.flight.obstacles import Obstacle
+
+
+def build_flight(
+    section: FlightSection | None, names: Sequence[str], report: Report, *, folder: Path
+) -> FlightSpec | None:
+    """Build the flight of a mission with these agents, or note every mistake and return None."""
+    if section is None:
+        return FlightSpec()
+    from covey.flight.parameters import load_vehicle
+
+    vehicle = _vehicle(section.vehicle, report, folder)
+    obstacles = [
+        _obstacle(obstacle, ("flight", "obstacles", i), report) for i, obstacle in enumerate(section.obstacles)
+    ]
+    faults = _faults(section, names, report)
+    if vehicle is None:
+        return None
+    spec = FlightSpec(
+        vehicle=vehicle,
+        altitude=section.altitude_m,
+        layer_spacing=section.layer_spacing_m,
+        ceiling=math.inf if section.ceiling_m is None else section.ceiling_m,
+        max_speed=section.max_speed_m_s,
+        obstacles=tuple(obstacle for obstacle in obstacles if obstacle is not None),
+        wind=_wind(section.wind),
+        noise=NoiseSpec(
+            section.noise.position_m,
+            section.noise.velocity_m_s,
+            math.radians(section.noise.attitude_deg),
+            math.radians(section.noise.rate_deg_s),
+            section.noise.latency_s,
+        ),
+        arrival_position=section.arrival.position_m,
+        arrival_yaw=math.radians(section.arrival.yaw_deg),
+        faults=tuple(sorted(faults, key=lambda fault: fault.at)),
+        start_spacing=load_vehicle(vehicle).required_separation,
+    )
+    _check_layers(spec, len(names), report)
+    return spec
+
+
+def _vehicle(name: str, report: Report, folder: Path) -> str | None:
+    from covey.flight.parameters import load_vehicle, vehicle_names
+
+    path: KeyPath = ("flight", "vehicle")
+    if not name.endswith(".toml"):
+        if name in vehicle_names():
+            return name
+        near = nearest(name, vehicle_names())
+        hint = f"did you mean {near!r}?" if near else ""
+        report.add(path, f"expected {one_of(vehicle_names())}, or a file ending in .toml, got {name[:60]!r}", hint)
+        return None
+    file = str((folder / name).resolve())
+    try:
+        load_vehicle(file)
+    except CoveyError as error:
+        report.add(path, str(error))
+        return None
+    return file
+
+
+def _obstacle(section: ObstacleSection, path: KeyPath, report: Report) -> Obstacle | None:
+    from covey.flight.obstacles import Box, Prism, Sphere
+
+    given = [key for key in ("sphere", "box", "prism") if getattr(section, key) is not None]
+    if len(given) != 1:
+        report.add(path, f"expected exactly one of sphere, box, prism, got {', '.join(given) or 'none'}")
+        return None
+    try:
+        if section.sphere is not None:
+            x, y, z = section.sphere.center_m
+            return Sphere((x, y, z), section.sphere.radius_m)
+        if section.box is not None:
+            (x0, x1), (y0, y1), (z0, z1) = section.box.x_m, section.box.y_m, section.box.z_m
+            return Box((x0, y0, z0), (x1, y1, z1))
+        assert section.prism is not None
+        return Prism(tuple((x, y) for x, y in section.prism.corners), *section.prism.z_m)
+    except CoveyError as error:
+        report.add((*path, given[0]), str(error))
+        return None
+
+
+def _wind(section: WindSection) -> WindSpec:
+    x, y, z = (*section.steady_m_s, 0.0)[:3]
+    return WindSpec((x, y, z), section.gust_m_s, section.gust_time_s)
+
+
+def _faults(section: FlightSection, names: Sequence[str], report: Report) -> list[Fault]:
+    faults = []
+    for i, fault in enumerate(section.faults):
+        path: KeyPath = ("flight", "faults", i)
+        if (fault.motor is None) == (fault.obstacle is None):
+            report.add(path, "expected exactly one of motor, obstacle")
+        elif fault.motor is not None:
+            if fault.motor.agent in names:
+                faults.append(Fault(fault.at_s, names.index(fault.motor.agent), fault.motor.rotor))
+                continue
+            near = nearest(fault.motor.agent, list(names))
+            hint = f"did you mean {near!r}?" if near else ""
+            message = f"expected the name of an agent, got {fault.motor.agent[:60]!r}"
+            report.add((*path, "motor", "agent"), message, hint)
+        elif fault.obstacle is not None:
+            obstacle = _obstacle(fault.obstacle, (*path, "obstacle"), report)
+            if obstacle is not None:
+                faults.append(Fault(fault.at_s, obstacle=obstacle))
+    return faults
+
+
+def _check_layers(spec: FlightSpec, agents: int, report: Report) -> None:
+    from covey.flight.parameters import load_vehicle
+
+    vehicle = load_vehicle(spec.vehicle)
+    needed = vehicle.required_separation * vehicle.vertical_ratio
+    if spec.layer_spacing is not None and spec.layer_spacing < needed:
+        report.add(
+            ("flight", "layer_spacing_m"),
+            f"expected at least {needed:.3g} m between layers of {vehicle.name}, got {spec.layer_spacing:g}",
+        )
+        return
+    highest = max(spec.altitudes(agents), default=spec.altitude)
+    if highest > spec.ceiling:
+        report.add(
+            ("flight", "ceiling_m"),
+            f"expected room for {agents} layers up to {highest:.4g} m, got {spec.ceiling:g}",
+            "raise the ceiling, lower altitude_m or layer_spacing_m, or fly smaller vehicles",
+        )

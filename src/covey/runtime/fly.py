@@ -1,0 +1,388 @@
+"""Flies a mission: take off, trade and fly until nobody gains, come home and land."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.coverage import agent_scores, team_visibility
+from covey.errors import InputError
+from covey.flight.layout import P
+from covey.flight.obstacles import Obstacle
+from covey.geometry import Pose2, Region, wrap_angle
+from covey.mission import Mission
+from covey.runtime.airspace import clear_region, without_disc
+from covey.runtime.plan import PlanRun
+from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.world import build_fleet
+from covey.vehicles.fleet import Fleet, Kind
+from covey.vehicles.flight_log import FlightLog
+
+SLOWEST, GRACE = 0.25, 20.0
+"""A leg may take its length at this speed, m/s, and so many seconds more; then its waypoint counts as unreachable."""
+
+TOUCHDOWN = 0.3
+"""A vehicle this low, metres, with this little vertical speed, m/s, has landed."""
+
+
+class Moment(NamedTuple):
+    """The committed state of a team from a time on.
+
+    Parameters
+    ----------
+    time : float
+        Seconds since the flight began.
+    owner : array, shape (n,)
+        Index of each landmark's owner.
+    poses : tuple of Pose2
+        The committed poses.
+    """
+
+    time: float
+    owner: NDArray[np.int64]
+    poses: tuple[Pose2, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A mission that was flown.
+
+    Parameters
+    ----------
+    deployment : Deployment
+        What the team settled on, with `Deployment.flight`.
+    log : FlightLog
+        Everything over time.
+    obstacles : tuple of Obstacle
+        Those of the mission, and those that appeared.
+    moments : tuple of Moment
+        Who owned what, each time that it changed.
+    """
+
+    deployment: Deployment
+    log: FlightLog
+    obstacles: tuple[Obstacle, ...]
+    moments: tuple[Moment, ...]
+
+
+def fly(
+    mission: Mission,
+    *,
+    vehicles: Kind | str = Kind.MUJOCO,
+    seed: int | None = None,
+    realtime: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Flight:
+    """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
+
+    Parameters
+    ----------
+    mission : Mission
+    vehicles : Kind or str
+        ``mujoco``, ``reference``, or ``kinematic``, which follows every reference exactly.
+    seed : int, optional
+        Instead of the mission's.
+    realtime : bool
+        Let the flight take as long as it would.
+    on_progress : callable, optional
+        Called with a `Progress` ten times a second at most.
+
+    Returns
+    -------
+    Flight
+        After Ctrl-C (KeyboardInterrupt) what had happened by then, with status INTERRUPTED.
+
+    Raises
+    ------
+    InputError
+        If vehicles start too close to each other or inside an obstacle, or a sensor model cannot be built.
+
+    Notes
+    -----
+    Source: Sposato (2016), section 5.1.  Deviation: V6, V8.
+    """
+    kind = Kind(vehicles)
+    if seed is not None:
+        mission = mission.with_seed(seed)
+    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress).fly()
+
+
+class _Sortie:
+    """One flight; the `Travel` of its team."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        kind: Kind,
+        *,
+        realtime: bool,
+        on_progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self._spec = spec = mission.flight
+        self._began = time.monotonic()
+        self.fleet: Fleet = build_fleet(mission, kind, realtime=realtime)
+        self.altitudes = spec.altitudes(len(mission.agents))
+        self.run = PlanRun(mission, on_progress, travel=self)
+        self._homes = [agent.pose for agent in mission.agents]
+        self._obstacles = list(spec.obstacles)
+        self._faults = list(spec.faults)
+        self._deadlines: dict[int, float] = {}  # of the vehicles on their way
+        self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
+        self._blind: set[int] = set()
+        self._settling = False
+        self._reached = self._missed = 0
+        self._stage = "taking off"
+        self._moments = [Moment(0.0, self.run.team.owner.copy(), tuple(self.run.team.poses))]
+        self._changes = len(self.run.team.history)
+        self.fleet.on_sample = self._scores
+        check_starts(mission, self.fleet)
+
+    def fly(self) -> Flight:
+        """Fly from take-off to landing."""
+        deployment, flown = None, math.nan
+        try:
+            self._take_off()
+            self._settling = True
+            deployment = self.run.deployment()
+            self._settling = False
+            flown = self._scores()[1]
+            if deployment.status is PlanStatus.SETTLED:
+                self._come_home()
+        except KeyboardInterrupt:
+            self._settling = False
+            deployment = deployment or self.run.interrupted()
+        finally:
+            self.fleet.simulator.close()
+        for fault in self._faults:
+            self._note("fault", [], f"a fault at {fault.at:g} s did not happen: the flight ended before")
+        return Flight(
+            replace(deployment, flight=self._report(flown)),
+            self.fleet.log(),
+            tuple(self._obstacles),
+            tuple(self._moments),
+        )
+
+    # Travel
+
+    def go_to(self, agent: int, pose: Pose2) -> None:
+        """Send an agent's vehicle to a pose at its altitude."""
+        if agent in self.fleet.lost:
+            self._held[agent] = self._pose(agent)
+            return
+        way = math.hypot(pose.x - self._pose(agent).x, pose.y - self._pose(agent).y)
+        turn = abs(wrap_angle(pose.yaw - self.fleet.yaw(agent)))
+        self._deadlines[agent] = self.fleet.time + GRACE + way / SLOWEST + turn
+        self._send(agent, pose, self.altitudes[agent])
+
+    def under_way(self, agent: int) -> bool:
+        """Whether an agent's vehicle has not arrived yet, or will not."""
+        return agent in self._deadlines or agent in self._held
+
+    def wait(self, agent: int) -> Pose2 | None:
+        """Fly until an agent has arrived; return the pose it holds instead if it cannot."""
+        while agent in self._deadlines:
+            self._tick()
+        held = self._held.pop(agent, None)
+        if held is not None and agent not in self.fleet.lost:
+            self._send(agent, held, self.altitudes[agent])
+        return held
+
+    # What happens in the air
+
+    def _tick(self) -> None:
+        """Let one control period pass, and see to what happened in it."""
+        self.fleet.step()
+        now = self.fleet.time
+        while self._faults and self._faults[0].at <= now:
+            self._fail()
+        for agent in list(self._deadlines):
+            if self.fleet.reached(agent):
+                del self._deadlines[agent]
+                self._reached += 1
+                self._note("reached", [agent], f"{self._name(agent)} reached its waypoint")
+            elif agent not in self.fleet.lost and (self.fleet.blocked(agent) or now > self._deadlines[agent]):
+                self._miss(agent)
+        self._see_who_fell()
+        self.run.report(self._stage)
+
+    def _see_who_fell(self) -> None:
+        for agent in range(self.fleet.n):
+            if agent in self.fleet.lost and agent not in self._blind:
+                self._blind.add(agent)
+                self._deadlines.pop(agent, None)
+                self._held[agent] = self._clipped(agent)
+                self.run.blind(agent)
+            elif self._settling and agent not in self.fleet.lost and self.fleet.on_ground(agent):
+                self.fleet.lose(agent, "fell to the ground")
+
+    def _miss(self, agent: int) -> None:
+        """Give a waypoint up (V8): its surroundings are not offered to the agent again."""
+        del self._deadlines[agent]
+        self._missed += 1
+        self._note("missed", [agent], f"{self._name(agent)} cannot reach its waypoint and holds where it is")
+        held = self._held[agent] = self._clipped(agent)
+        if not self._settling:
+            return
+        abandoned = self.run.team.poses[agent]
+        region = self._clear_region(agent, held)
+        if region is not None and region.contains(abandoned.x, abandoned.y):
+            region = without_disc(
+                region, abandoned.x, abandoned.y, 0.5 * self.fleet.parameters[agent].required_separation, near=held
+            )
+        if region is not None:
+            self.run.restrict(agent, region)
+            self._held[agent] = self._clipped(agent)
+
+    def _fail(self) -> None:
+        """Let the next fault happen."""
+        fault = self._faults.pop(0)
+        if fault.agent is not None and fault.rotor is not None:
+            self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
+            self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
+        elif fault.obstacle is not None:
+            self._obstacles.append(fault.obstacle)
+            self.fleet.add_obstacle(fault.obstacle)
+            self._note("fault", [], "an obstacle appears")
+            self._check_waypoints()
+
+    def _check_waypoints(self) -> None:
+        """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
+        for agent, pose in enumerate(self.run.team.poses):
+            if self._settling and agent not in self.fleet.lost and agent not in self._deadlines:
+                clear = self._clear_region(agent, pose)
+                if clear is None or not clear.contains(pose.x, pose.y):
+                    self.go_to(agent, pose)
+
+    def _clear_region(self, agent: int, near: Pose2) -> Region | None:
+        """Return where an agent's vehicle may be at its altitude, obstacles and the room around them taken away."""
+        clearance = 0.5 * self.fleet.parameters[agent].required_separation
+        region = self.run.mission.agents[agent].region
+        return clear_region(region, self._obstacles, self.altitudes[agent], clearance, near=near)
+
+    # Begin and end
+
+    def _take_off(self) -> None:
+        """Rise from the starting positions, all at once: each above its own."""
+        for agent, home in enumerate(self._homes):
+            self._depart(agent, home, self.altitudes[agent])
+        self._note("takeoff", list(range(self.fleet.n)), "take-off")
+        while self._deadlines:
+            self._tick()
+        self._held = {agent: pose for agent, pose in self._held.items() if agent in self.fleet.lost}
+        self._reached = self._missed = 0
+        self._stage = "flying"
+
+    def _come_home(self) -> None:
+        """Fly back above the starting positions, then sink, all at once."""
+        self._stage = "landing"
+        counts = self._reached, self._missed
+        flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
+        for agent in flying:
+            self._depart(agent, self._homes[agent], self.altitudes[agent])
+        while self._deadlines:
+            self._tick()
+        for agent in flying:
+            if agent not in self.fleet.lost:
+                pose = self._homes[agent] if agent not in self._held else self._held[agent]
+                self._depart(agent, pose, 0.0)
+        while self._deadlines:
+            self._tick()
+            for agent in list(self._deadlines):
+                if self._has_landed(agent):
+                    del self._deadlines[agent]
+                    self.fleet.stop_motors(agent)
+                    self._note("landed", [agent], f"{self._name(agent)} landed")
+        self._reached, self._missed = counts
+        self.fleet.run(lambda: False, 0.2)
+
+    def _has_landed(self, agent: int) -> bool:
+        state = self.fleet.state[agent]
+        return bool(self.fleet.on_ground(agent) or (state[P + 2] < TOUCHDOWN and abs(state[P + 5]) < 0.05))
+
+    def _depart(self, agent: int, pose: Pose2, altitude: float) -> None:
+        climb = abs(altitude - float(self.fleet.state[agent, P + 2]))
+        way = math.hypot(pose.x - self._pose(agent).x, pose.y - self._pose(agent).y)
+        self._deadlines[agent] = self.fleet.time + GRACE + (way + climb) / SLOWEST
+        self._send(agent, pose, altitude)
+
+    def _send(self, agent: int, pose: Pose2, altitude: float) -> None:
+        self.fleet.go_to(agent, (pose.x, pose.y, altitude), pose.yaw)
+
+    # What is known
+
+    def _pose(self, agent: int) -> Pose2:
+        x, y = (float(value) for value in self.fleet.state[agent, P : P + 2])
+        return Pose2(x, y, self.fleet.yaw(agent))
+
+    def _clipped(self, agent: int) -> Pose2:
+        """Return where a vehicle is, or the nearest pose in its agent's region."""
+        pose = self._pose(agent)
+        x, y = self.run.mission.agents[agent].region.project(pose.x, pose.y)
+        return Pose2(x, y, pose.yaw)
+
+    def _name(self, agent: int) -> str:
+        return self.run.mission.agents[agent].name
+
+    def _note(self, kind: str, agents: list[int], text: str) -> None:
+        self.fleet.recorder.note(self.fleet.time, kind, agents, text)
+
+    def _scores(self) -> tuple[float, float]:
+        """Return the committed score and the one from the true poses."""
+        team, landmarks = self.run.team, self.run.mission.landmarks
+        if len(team.history) > self._changes:
+            self._changes = len(team.history)
+            self._moments.append(Moment(self.fleet.time, team.owner.copy(), tuple(team.poses)))
+        poses = [self._pose(agent) for agent in range(self.fleet.n)]
+        seen = team_visibility(self.run.models, poses, landmarks)
+        return team.score, float(agent_scores(seen, team.owner, landmarks.weights).sum())
+
+    def _report(self, flown: float) -> FlightReport:
+        fleet = self.fleet
+        log = fleet.recorder
+        return FlightReport(
+            simulator=fleet.kind.value,
+            vehicle=fleet.parameters[0].name,
+            duration=fleet.time,
+            wall=time.monotonic() - self._began,
+            min_separation=fleet.min_separation,
+            required_separation=fleet.required_separation,
+            altitudes=self.altitudes,
+            separation_cost=0.0,
+            collisions=len(fleet.simulator.collisions),
+            tracking_rms=fleet.tracking_rms,
+            waypoints_reached=self._reached,
+            waypoints_missed=self._missed,
+            score_flown=flown,
+            lost=tuple(self._name(agent) for agent in sorted(fleet.lost)),
+            events=tuple(log.events),
+        )
+
+
+def check_starts(mission: Mission, fleet: Fleet) -> None:
+    """Check that the vehicles of a mission start far enough apart.
+
+    Raises
+    ------
+    InputError
+        With every pair that does not.
+    """
+    needed = fleet.required_separation
+    agents = mission.agents
+    close = []
+    for i, first in enumerate(agents):
+        for second in agents[i + 1 :]:
+            apart = math.hypot(first.pose.x - second.pose.x, first.pose.y - second.pose.y)
+            if apart < needed:
+                close.append(f"{first.name} and {second.name} start {apart:.2f} m apart")
+    if close:
+        shown = "; ".join(close[:10]) + (f"; and {len(close) - 10} more pairs" if len(close) > 10 else "")
+        raise InputError(
+            f"{mission.path or mission.name}: agents: expected vehicles that start at least {needed:.2f} m apart, "
+            f"since they take off and land there: {shown}; move their poses apart, or choose another flight.vehicle"
+        )

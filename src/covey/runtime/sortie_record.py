@@ -1,0 +1,148 @@
+"""The files of a flight, beside those of its deployment if it was a mission."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from covey.runtime.output import check_target, staged
+from covey.runtime.record import FLIGHT_FILES, RESULT, write_result
+from covey.runtime.result import Progress
+from covey.vehicles.flight_log import FlightLog
+
+if TYPE_CHECKING:
+    from covey.runtime.exercise import ExerciseResult
+    from covey.runtime.fly import Flight
+
+SCHEMA_VERSION = 1
+
+
+def write_flight(
+    flight: Flight,
+    directory: str | Path,
+    *,
+    overwrite: bool = False,
+    film: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Path:
+    """Write a flight into a directory, whole or not at all.
+
+    Parameters
+    ----------
+    flight : Flight
+    directory : str or Path
+        It is made if need be.
+    overwrite : bool
+        Replace an earlier result of covey there.
+    film : bool
+        Also make a film.
+    on_progress : callable, optional
+
+    Returns
+    -------
+    Path
+        The directory.
+
+    Raises
+    ------
+    OutputError
+        If something is there already, or it cannot be written.
+    """
+
+    def write(staging: Path) -> None:
+        _write_log(flight.log, staging, flight=flight, film=film, on_progress=on_progress)
+
+    return write_result(flight.deployment, directory, overwrite=overwrite, more=write)
+
+
+def write_exercise(
+    result: ExerciseResult,
+    directory: str | Path,
+    *,
+    overwrite: bool = False,
+    film: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Path:
+    """Write an exercise into a directory, whole or not at all: its summary, log, figures and film.
+
+    Raises
+    ------
+    OutputError
+        If something is there already, or it cannot be written.
+    """
+    target = Path(directory)
+    check_exercise_target(target, overwrite=overwrite)
+    with staged(target, (*FLIGHT_FILES, RESULT)) as staging:
+        _write_log(result.log, staging, film=film, on_progress=on_progress)
+        (staging / RESULT).write_text(exercise_text(result), encoding="utf-8")
+    return target
+
+
+def check_exercise_target(directory: str | Path, *, overwrite: bool = False) -> None:
+    """Check that an exercise may be written into a directory, before it is flown.
+
+    Raises
+    ------
+    OutputError
+        If the directory holds something that would be overwritten, is a file, or cannot be made.
+    """
+    check_target(Path(directory), (*FLIGHT_FILES, RESULT), _is_exercise_result, overwrite=overwrite)
+
+
+def exercise_text(result: ExerciseResult) -> str:
+    """Return the content of an exercise's ``result.json``."""
+    document: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "exercise": result.exercise.name,
+        "seed": result.exercise.seed,
+        "status": "interrupted" if result.interrupted else "flown",
+        "flight": dict(result.summary),
+    }
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def _is_exercise_result(target: Path) -> bool:
+    try:
+        document = json.loads((target / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(document, dict) and {"exercise", "flight", "schema_version"} <= set(document)
+
+
+def _write_log(
+    log: FlightLog,
+    staging: Path,
+    *,
+    flight: Flight | None = None,
+    film: bool,
+    on_progress: Callable[[Progress], None] | None,
+) -> None:
+    from covey.runtime import figures, flight_figures
+
+    log.save(staging / "flight.npz")
+    if len(log.time) < 2:
+        return
+    deployment = None if flight is None else flight.deployment
+    figure = flight_figures.flight_overview(log, deployment)
+    for kind in ("png", "pdf"):
+        figures.save_figure(figure, staging / f"flight.{kind}")
+    if film:
+        from covey.runtime.film import write_film
+
+        score = math.nan if deployment is None else deployment.score.final
+
+        def report(fraction: float) -> None:
+            if on_progress is not None:
+                on_progress(Progress("filming", score, fraction=fraction))
+
+        write_film(
+            log,
+            staging / "flight",
+            mission=None if deployment is None else deployment.mission,
+            snapshots=() if flight is None else flight.moments,
+            obstacles=() if flight is None else flight.obstacles,
+            on_progress=report,
+        )

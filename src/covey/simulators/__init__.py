@@ -1,0 +1,1 @@
+"""Worlds to fly in, each a `covey.flight.simulator.Simulator`."""

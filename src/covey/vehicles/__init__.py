@@ -1,0 +1,1 @@
+"""Vehicles: who flies where, in whatever world."""
