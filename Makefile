@@ -43,6 +43,8 @@ bench: $(VENV)/.bench  ## print the benchmarks as JSON
 images: setup  ## draw the pictures of the documentation anew
 	$(BIN)/covey plan examples/thesis-5.1.yaml --out build/images --bound --baseline --quiet --force
 	cp build/images/deployment.png docs/images/deployment.png
+	$(BIN)/covey fly examples/thesis-5.1.yaml --out build/images-flight --quiet --force
+	cp build/images-flight/flight.png docs/images/flight.png
 	$(BIN)/covey heatmap --out docs/images/visibility.png --force
 
 lock: setup  ## pin the requirements anew

@@ -2,8 +2,8 @@
 
 A vehicle-step is 10 ms of one vehicle: observation, avoidance (potential field and speed caps among all vehicles), the
 practical control law, and physics of two steps of 5 ms, each with its rate loop and a Runge-Kutta step of order 4, with
-drag and the check for collisions.  One thread.  RotorPy's is `SE3Control.update` and `Multirotor.step` of 10 ms, without
-avoidance; it is left out where RotorPy is not installed.
+drag and the check for collisions.  One thread.  RotorPy's is `SE3Control.update` and `Multirotor.step` of 10 ms,
+without avoidance; it is left out where RotorPy is not installed.
 """
 
 from __future__ import annotations
@@ -98,7 +98,13 @@ def rotorpy(steps: int) -> float | None:
         state |= {"wind": np.zeros(3), "rotor_speeds": np.full(4, speed)}
         vehicle, controller = Multirotor(quad_params, initial_state=state), SE3Control(quad_params)
         zero = np.zeros(3)
-        goal = {"x": np.array([1.0, 0.0, 1.0]), "x_dot": zero, "x_ddot": zero, "x_dddot": zero, "x_ddddot": zero}
+        goal: dict[str, Any] = {
+            "x": np.array([1.0, 0.0, 1.0]),
+            "x_dot": zero,
+            "x_ddot": zero,
+            "x_dddot": zero,
+            "x_ddddot": zero,
+        }
         goal |= {"yaw": 0.0, "yaw_dot": 0.0, "yaw_ddot": 0.0}
         best = 0.0
         for _ in range(5):

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from tests.unit.flight.printed_law import Law, matrix
 
 from covey.flight.layout import SIG_EP, SIG_EV, SIG_V3
 from covey.flight.parameters import Gains, load_vehicle, vehicle_names
 from covey.flight.trajectories import Circle, Hold
 from covey.simulators.ideal import fly_ideal
-from tests.unit.flight.printed_law import Law, matrix
 
 REGULATION = Hold((1.0, 3.0, 2.0))
 CIRCLE = Circle((0.0, 0.0, 0.5), radius=1.0, rate=1.0)
@@ -55,12 +55,12 @@ def test_gain_as_printed_never_gets_there() -> None:
 def test_without_feedforward_the_circle_is_missed() -> None:
     # C7: V rises, centimetres stay
     states, v = Law(ERRATA, no_feedforward=True).fly(CIRCLE, 20.0, on_it=True)
-    assert v.max() > v[0]
-    assert np.diff(v).max() > 1e-6
+    assert v[0] < 1e-12
+    assert v[-1] > 1e-4
     error = np.linalg.norm(states[-1, :3] - CIRCLE(20.0)[:3])
     assert 0.02 < error < 0.2
     states, v = Law(ERRATA).fly(CIRCLE, 20.0, on_it=True)
-    assert np.diff(v).max() < 1e-9
+    assert v.max() < 1e-9
     assert np.linalg.norm(states[-1, :3] - CIRCLE(20.0)[:3]) < 1e-4
 
 

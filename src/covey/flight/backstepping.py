@@ -81,9 +81,7 @@ TINY = 1e-12
 
 
 @kernel
-def control(
-    observation: Array, reference: Array, params: Array, pure: bool, command: Array, signals: Array
-) -> None:
+def control(observation: Array, reference: Array, params: Array, pure: bool, command: Array, signals: Array) -> None:
     """Compute the command of one vehicle.
 
     Parameters
@@ -221,7 +219,11 @@ def control(
     ay = thrust * ny - reference[REF_A + 1] + k1 * vy
     az = thrust * nz - GRAVITY - reference[REF_A + 2] + k1 * vz
     # dn/dt = R (omega_B x e3)
-    fx, fy, fz = pitch_rate * r11 - roll_rate * r12, pitch_rate * r21 - roll_rate * r22, pitch_rate * r31 - roll_rate * r32
+    fx, fy, fz = (
+        pitch_rate * r11 - roll_rate * r12,
+        pitch_rate * r21 - roll_rate * r22,
+        pitch_rate * r31 - roll_rate * r32,
+    )
     turning = fx * mx + fy * my + fz * mz + nx * tx + ny * ty + nz * tz
     signals[SIG_DV3] = alpha * (px * vx + py * vy + pz * vz) + beta * (ex * ax + ey * ay + ez * az) - gamma * turning
     signals[SIG_EP] = math.sqrt(p2)

@@ -11,6 +11,9 @@ from covey.flight.parameters import VehicleParameters
 RATE = 1.5
 """How fast the estimate follows, 1/s²."""
 
+NEAR = 0.3
+"""Distance from its reference, metres, up to which a vehicle's errors are put down to a disturbance."""
+
 LARGEST = 3.0
 """Largest acceleration that is believed of a disturbance in each direction, m/s²."""
 
@@ -26,7 +29,7 @@ class DisturbanceEstimate:
     -----
     Backstepping with an unknown constant d in the second equation of (2.3) and the estimate put into u as ``-d_hat``:
     ``V2 + beta / (2 rate) ||d - d_hat||²`` falls along ``d_hat' = rate (e_v + k1 e_p)``, so that a steady wind leaves
-    no error of position.  It stops growing at `LARGEST`, and on the ground.
+    no error of position.  It learns little far from the reference, stops at `LARGEST`, and is forgotten on the ground.
     """
 
     def __init__(self, vehicles: list[VehicleParameters] | tuple[VehicleParameters, ...]) -> None:
@@ -43,9 +46,9 @@ class DisturbanceEstimate:
         """Take in what is observed, shape (n, OBSERVATION), of the vehicles that fly; forget the others'."""
         error = observations[:, P : P + 3] - references[:, REF_P : REF_P + 3]
         slip = observations[:, V : V + 3] - references[:, REF_V : REF_V + 3]
-        # a vehicle far off is on its way back to its reference, which tells nothing about the wind
-        step = np.clip(slip + self._k1 * np.clip(error, -1.0, 1.0), -1.0, 1.0)
-        self.values += RATE * dt * step
+        # a vehicle far off is on its way back to its reference, which tells little about the wind
+        trust = 1.0 / (1.0 + (np.linalg.norm(error, axis=1, keepdims=True) / NEAR) ** 4)
+        self.values += RATE * dt * trust * (slip + self._k1 * error)
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self.values[~flying] = 0.0
 

@@ -150,6 +150,14 @@ def lag(speed: float, command: float, keep_up: float, keep_down: float) -> float
 
 
 @kernel
+def spin(state: Array, rotor_commands: Array, working: Array, keep_up: float, keep_down: float) -> None:
+    """Let the rotors of a state follow their commands, rad/s; one that has failed (`working` 0) stands still."""
+    for i in range(4):
+        command = rotor_commands[i] * working[i]
+        state[ROTORS + i] = working[i] * lag(state[ROTORS + i], command, keep_up, keep_down)
+
+
+@kernel
 def advance(
     state: Array,
     rotor_commands: Array,
@@ -182,13 +190,9 @@ def advance(
     work : array, shape (3, WRENCH)
         Overwritten.
     """
-    for i in range(4):
-        state[ROTORS + i] *= working[i]
-    for moment in range(3):
-        if moment > 0:
-            for i in range(4):
-                command = rotor_commands[i] * working[i]
-                state[ROTORS + i] = lag(state[ROTORS + i], command, half_up, half_down)
+    wrench(state[ROTORS:], params, work[0])
+    for moment in range(1, 3):
+        spin(state, rotor_commands, working, half_up, half_down)
         wrench(state[ROTORS:], params, work[moment])
 
     # the point at which a stage looks, and the sum of what the stages find; positions have no influence

@@ -25,6 +25,9 @@ SLOW = 0.3
 """Vehicles slower than this, m/s, are gone around in an escape; others are expected to clear the way."""
 
 
+OCCUPIED = 3
+"""A goal at which one stall after the other finds somebody hover is given up after so many."""
+
 __all__ = ["NavigationOptions", "Navigator", "Status"]
 
 
@@ -106,6 +109,7 @@ class Navigator:
         self._velocities = np.zeros((n, 3))
         self._references = np.zeros((n, REFERENCE))
         self._escapes = np.zeros(n, dtype=np.int64)
+        self._occupied = np.zeros(n, dtype=np.int64)
         self._closest = np.zeros(n)
         self._time = 0.0
         self._moved: dict[int, float] = {}
@@ -299,6 +303,7 @@ class Navigator:
         """Give a vehicle a new goal and the way there."""
         self._team.goals[i] = *goal, yaw
         self._escapes[i] = 0
+        self._occupied[i] = 0
         self._closest[i] = np.linalg.norm(goal - self._team.virtual[i, 0:3])
         self._follow(i, route)
 
@@ -311,7 +316,8 @@ class Navigator:
         left = float(np.linalg.norm(legs, axis=1).sum())
         # Patience differs between vehicles and tries, so that two that are in each other's way do not try at once.
         patience = self.options[i].stall_time * (1.0 + 0.125 * ((i + 3 * self._escapes[i]) % 8))
-        self._team.progress[i] = left, left, 0.0, patience
+        spare = 1.0 if self._escapes[i] < 3 else 0.0
+        self._team.progress[i] = left, left, 0.0, patience, spare
 
     def _replan(self) -> None:
         """Plan anew where obstacles have come into the way; where none is left, the stall that follows decides."""
@@ -338,11 +344,12 @@ class Navigator:
             self._escapes[i] = 0
         self._escapes[i] += 1
         own, router = self.options[i], self._router(i)
+        blockers = self._blockers(i, parked=False)
         no_room = router.room(goal, own.keep_off, self._blockers(i, parked=True)) < 0.0
-        if no_room or self._escapes[i] > own.escapes:
+        self._occupied[i] = self._occupied[i] + 1 if router.room(goal, own.keep_off, blockers) < 0.0 else 0
+        if no_room or self._occupied[i] >= OCCUPIED or self._escapes[i] > own.escapes:
             self._block(i)
             return
-        blockers = self._blockers(i, parked=False)
         padded = blockers.copy()
         padded[:, 3] *= 1.1 if self._escapes[i] % 2 else 1.0
         route = self._plan(i, goal, padded)

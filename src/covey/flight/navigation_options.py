@@ -132,8 +132,8 @@ class NavigationOptions:
         given.update(overrides)
         acceleration = given["max_acceleration"]
         given.setdefault("filter_time", max(0.1, 2.0 * acceleration / limits.max_jerk))
-        given.setdefault("reaction_time", 0.3)
         given.setdefault("lag", given["filter_time"] + 0.1)
+        given.setdefault("reaction_time", 0.6 * given["lag"])
         given.setdefault("allowance", min(0.05, 0.1 * given["separation"]))
         given.setdefault("corner", min(0.3, given["keep_off"]))
         given.setdefault("brake_acceleration", 0.5 * acceleration)

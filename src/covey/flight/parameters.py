@@ -420,7 +420,9 @@ def _contradictions(values: Mapping[str, NDArray[np.float64]], file: str) -> lis
     else:
         mixer = np.array([np.ones(4), positions[:, 1], -positions[:, 0], -spins])
         if np.linalg.cond(mixer) > 1e6 or bool((np.linalg.inv(mixer)[:, 0] <= 0.0).any()):
-            mistakes.append(f"{file}: rotors.positions: with these spins the rotors cannot hover and turn about all axes")
+            mistakes.append(
+                f"{file}: rotors.positions: with these spins the rotors cannot hover and turn about all axes"
+            )
     strongest = 4.0 * values["rotors.thrust_coefficient"] * values["rotors.speed_max"] ** 2 / values["body.mass"]
     if strongest <= GRAVITY:
         mistakes.append(

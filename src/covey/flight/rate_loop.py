@@ -1,8 +1,8 @@
 """The inner loop: from normalised thrust and body rates to rotor speeds.
 
-Torque is ``J K (omega_cmd - omega) + omega x J omega``.  The rotors' thrusts follow from the inverse of the mixer; where
-they do not suffice, torque about roll and pitch goes first, then thrust, then yaw; but roll and pitch leave enough for
-the weight, so that a vehicle on the ground can take off however much it is told to turn.
+Torque is ``J K (omega_cmd - omega) + omega x J omega``.  The rotors' thrusts follow from the inverse of the mixer;
+where they do not suffice, torque about roll and pitch goes first, then thrust, then yaw; but roll and pitch leave
+enough for the weight, so that a vehicle on the ground can take off however much it is told to turn.
 
 Notes
 -----
@@ -65,9 +65,7 @@ def rotor_commands(state: Array, command: Array, params: Array, out: Array) -> N
 
 
 @kernel
-def allocate(
-    force: float, torque_x: float, torque_y: float, torque_z: float, params: Array, thrusts: Array
-) -> None:
+def allocate(force: float, torque_x: float, torque_y: float, torque_z: float, params: Array, thrusts: Array) -> None:
     """Share force and torques among the rotors, within what they can do.
 
     Parameters

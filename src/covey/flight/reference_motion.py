@@ -26,10 +26,11 @@ YAW_RATE, YAW_ACCELERATION, ARRIVED, CORNER, LAG, OPTIONS = range(16, 22)
 # columns of a virtual vehicle: position, velocity, filtered acceleration, yaw, yaw rate
 VIRTUAL = 11
 
-# columns of progress: path left, least path left so far, seconds since that fell, seconds until a stall is reported
-LEFT, BEST, SINCE, PATIENCE, PROGRESS = range(5)
+# columns of progress: path left, least path left so far, seconds since that fell, seconds until a stall is reported,
+# part of the allowance that is kept (none where it has barred every way)
+LEFT, BEST, SINCE, PATIENCE, SPARE, PROGRESS = range(6)
 ADVANCE = 0.05
-"""Metres by which the path left has to shrink to count as progress."""
+"""Metres by which the path left has to shrink to count as progress, or a tenth of it where that is less."""
 
 INACTIVE, FLYING, BLOCKED = range(3)
 
@@ -238,6 +239,7 @@ def advance_one(
     # other vehicles: repulsion from those in the way, a cap on the speed towards all that are near
     caps_count = 0
     easing = min(1.0, left / o[SEPARATION])
+    allowance = o[ALLOWANCE] * easing * progress[i, 4]
     for b in range(count):
         j = near[b]
         if j == i:
@@ -270,7 +272,7 @@ def advance_one(
                 d, dx, dy, dz = 1e-6, -1e-6 * order, 0.0, 0.0
             mx, my, mz = dx / d, dy / d, dz / (d * ratio * ratio)
             brake = o[BRAKE] * math.sqrt(mx * mx + my * my + mz * mz)
-            cap = speed_cap(d - keep - o[ALLOWANCE] * easing, brake, o[REACTION], 1.0 if parked else 2.0)
+            cap = speed_cap(d - keep - allowance, brake, o[REACTION], 1.0 if parked else 2.0)
             if cap < o[MAX_SPEED]:
                 caps_count = _add_cap(ways, caps, caps_count, mx, my, mz, max(cap, -0.5 * o[MAX_SPEED]))
 
@@ -332,7 +334,7 @@ def advance_one(
     out[i, 13] = s[10]
 
     progress[i, 0] = left
-    if left < o[ARRIVED] or left < progress[i, 1] - ADVANCE:
+    if left < o[ARRIVED] or left < progress[i, 1] - min(ADVANCE, 0.1 * progress[i, 1]):
         progress[i, 1] = left
         progress[i, 2] = 0.0
     else:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from covey.compiled import kernel
 from covey.errors import ArgumentError
 
-SWEEPS = 30
-"""Rounds of projection onto the caps; nearly always one to three are enough."""
+ROUNDS = 100
+"""Projections onto caps at most; nearly always fewer than five are enough."""
 
 EXCESS = 1e-3
 """Excess of a cap, m/s, at which projection counts as converged."""
@@ -201,18 +201,22 @@ def cap_velocity(
 
     Notes
     -----
-    One set after the other, in rounds.  Should they have no point in common, braking is the last resort: the vehicle
-    slows down along its path, unless what the projections found exceeds the caps less.
+    Again and again onto the cap that is exceeded most, so that their order does not matter.  Should caps and limits
+    have no point in common, braking is the last resort: the vehicle slows down along its path, unless what the
+    projections found exceeds the caps less.
     """
-    for _ in range(SWEEPS):
+    for _ in range(ROUNDS):
         worst = 0.0
-        for k in range(count):
-            over = v[0] * ways[k, 0] + v[1] * ways[k, 1] + v[2] * ways[k, 2] - caps[k]
-            if over > 0.0:
-                worst = max(worst, over)
-                over /= ways[k, 0] * ways[k, 0] + ways[k, 1] * ways[k, 1] + ways[k, 2] * ways[k, 2]
-                for c in range(3):
-                    v[c] -= over * ways[k, c]
+        k = -1
+        for other in range(count):
+            over = v[0] * ways[other, 0] + v[1] * ways[other, 1] + v[2] * ways[other, 2] - caps[other]
+            if over > worst:
+                worst = over
+                k = other
+        if worst > 0.0:
+            worst /= ways[k, 0] * ways[k, 0] + ways[k, 1] * ways[k, 1] + ways[k, 2] * ways[k, 2]
+            for c in range(3):
+                v[c] -= worst * ways[k, c]
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         if speed > max_speed:
             for c in range(3):
@@ -222,8 +226,8 @@ def cap_velocity(
         if change > max_change:
             for c in range(3):
                 v[c] = old[c] + (v[c] - old[c]) * (max_change / change)
-        elif worst <= EXCESS:
-            return
+        if worst <= EXCESS:
+            break
     worst = excess_speed(v[0], v[1], v[2], ways, caps, count)
     if worst > EXCESS:
         speed = math.sqrt(old[0] * old[0] + old[1] * old[1] + old[2] * old[2])

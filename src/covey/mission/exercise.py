@@ -214,11 +214,14 @@ def navigation_options(
     usual = NavigationOptions.for_vehicle(vehicle)
     if alone:
         chosen["threshold"] = usual.threshold
+    k_rep, threshold = chosen.get("k_rep", usual.k_rep), chosen.get("threshold", usual.threshold)
+    if threshold <= usual.separation:
+        raise ArgumentError(
+            f"threshold: expected more than the required separation of {usual.separation:g} m, got {threshold:g}"
+        )
     if "max_speed" not in chosen and ("k_rep" in chosen or "threshold" in chosen):
-        k_rep, threshold = chosen.get("k_rep", usual.k_rep), chosen.get("threshold", usual.threshold)
-        if threshold > usual.separation:
-            stopped = 0.5 * safe_speed(k_rep, threshold, usual.separation)
-            chosen["max_speed"] = min(usual.max_speed, 0.999 * stopped)
+        stopped = 0.5 * safe_speed(k_rep, threshold, usual.separation)
+        chosen["max_speed"] = min(usual.max_speed, 0.999 * stopped)
     # The last stretch is covered ever more slowly; it must count as arrived before it counts as a stall.
     slope = chosen.get("k_wp", usual.k_wp) / chosen.get("k_v", usual.k_v)
     slowest = STALL_ADVANCE / (1.0 - math.exp(-slope * usual.stall_time))

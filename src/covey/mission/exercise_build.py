@@ -37,7 +37,7 @@ from covey.mission.exercise_schema import (
     known_keys,
 )
 from covey.mission.flight import NoiseSpec, WindSpec
-from covey.mission.flight_build import _obstacle
+from covey.mission.flight_build import build_obstacle
 from covey.mission.flight_schema import ObstacleSection
 from covey.mission.report import Report, nearest, one_of, plain_path, wrong_version
 from covey.mission.schema import SCHEMA_VERSIONS
@@ -107,7 +107,7 @@ def build(data: Any, report: ExerciseReport, *, folder: Path, path: Path | None,
     except ValidationError as error:
         report.add_pydantic(error.errors(include_url=False))
     parts = _salvage(data)
-    obstacles = [_obstacle(item, _at("obstacles", i), report) for i, item in enumerate(parts.obstacles) if item]
+    obstacles = [build_obstacle(item, _at("obstacles", i), report) for i, item in enumerate(parts.obstacles) if item]
     solid = [obstacle for obstacle in obstacles if obstacle is not None]
     vehicles = _Team(data, parts, solid, report, folder).vehicles()
     objects = _objects(data, parts, report)

@@ -27,7 +27,7 @@ def build_flight(
 
     vehicle = _vehicle(section.vehicle, report, folder)
     obstacles = [
-        _obstacle(obstacle, ("flight", "obstacles", i), report) for i, obstacle in enumerate(section.obstacles)
+        build_obstacle(obstacle, ("flight", "obstacles", i), report) for i, obstacle in enumerate(section.obstacles)
     ]
     faults = _faults(section, names, report)
     if vehicle is None:
@@ -76,7 +76,8 @@ def _vehicle(name: str, report: Report, folder: Path) -> str | None:
     return file
 
 
-def _obstacle(section: ObstacleSection, path: KeyPath, report: Report) -> Obstacle | None:
+def build_obstacle(section: ObstacleSection, path: KeyPath, report: Report) -> Obstacle | None:
+    """Build an obstacle, or note the mistake and return None."""
     from covey.flight.obstacles import Box, Prism, Sphere
 
     given = [key for key in ("sphere", "box", "prism") if getattr(section, key) is not None]
@@ -117,7 +118,7 @@ def _faults(section: FlightSection, names: Sequence[str], report: Report) -> lis
             message = f"expected the name of an agent, got {fault.motor.agent[:60]!r}"
             report.add((*path, "motor", "agent"), message, hint)
         elif fault.obstacle is not None:
-            obstacle = _obstacle(fault.obstacle, (*path, "obstacle"), report)
+            obstacle = build_obstacle(fault.obstacle, (*path, "obstacle"), report)
             if obstacle is not None:
                 faults.append(Fault(fault.at_s, obstacle=obstacle))
     return faults

@@ -210,7 +210,8 @@ def _write_gif(frames: FilmFrames, pictures: Iterator[Pixels], path: Path) -> No
     first = next(flow)
     pause = 1000 // GIF_FPS
     durations = [pause] * (len(frames.times) - 1) + [round(1000 * HOLD)]
-    first.save(path, save_all=True, append_images=flow, duration=durations, loop=0, optimize=False)
+    with path.open("wb") as file:
+        first.save(file, "GIF", save_all=True, append_images=flow, duration=durations, loop=0, optimize=False)
 
 
 def _check(

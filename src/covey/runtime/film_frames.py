@@ -100,7 +100,7 @@ class FilmFrames:
             self.figure = new_page(WIDTH, HEIGHT)
             self.canvas = _canvas(self.figure)
             self.figure.set_dpi(dpi)
-            self._tail = max(1, int(np.searchsorted(times, times[0] + 6.0 * speed)))
+            self._tail = max(1, int(np.searchsorted(times, times[0] + 4.0 * speed)))
             title = "Flight" if mission is None else clip_text(mission.name, 60)
             self.figure.text(0.55 / WIDTH, 1.0 - 0.3 / HEIGHT, title, fontsize=16, va="center")
             listed = 1 < len(log.names) <= LISTED
@@ -140,7 +140,7 @@ class FilmFrames:
         """Draw picture `index`, shape (height, width, 4); it is good until the next one is drawn."""
         now = float(self.times[index])
         renderer = self.canvas.get_renderer()
-        changed = self._ground.update(now, index)
+        changed = self._ground.update(now, index, settled=index == len(self.times) - 1)
         if self._update_texts(index, now) or changed or self._with_ground is None:
             self.canvas.restore_region(self._page)
             for artist in (*self._ground.artists, self._score, self._event):

@@ -72,8 +72,8 @@ class Ground:
         for artist in self.artists:
             artist.set_animated(True)
 
-    def update(self, now: float, index: int) -> bool:
-        """Show the state at a time, in picture `index`; whether anything looks different."""
+    def update(self, now: float, index: int, *, settled: bool = False) -> bool:
+        """Show the state at a time, in picture `index`, `settled` without fading; whether anything looks different."""
         if self._mission is None:
             return False
         due = sum(moment[0] <= now + 1e-9 for moment in self._moments) - 1
@@ -84,9 +84,10 @@ class Ground:
             self._owner, self._shown = owner, due
             for number, (marks, positions) in enumerate(self._numbers):
                 marks.set_data(*positions[owner == number].T)
-        elif index - self._changed.max(initial=-math.inf) > self.FADE + 1.0:
+        elif not settled and index - self._changed.max(initial=-math.inf) > self.FADE + 1.0:
             return False
-        fade = np.clip((index - self._changed) / self.FADE, 0.0, 1.0)[:, None]
+        shown = math.inf if settled else float(index)
+        fade = np.clip((shown - self._changed) / self.FADE, 0.0, 1.0)[:, None]
         self._paint(fade * self._shades[self._owner] + (1.0 - fade))
         return True
 

@@ -52,6 +52,7 @@ th, td { padding: 0.3rem 0.8rem; border-bottom: 1px solid var(--line); text-alig
   vertical-align: top; }
 thead th { border-bottom: 2px solid var(--faint); color: var(--faint); }
 th:first-child { text-align: left; padding-left: 0; }
+td { white-space: nowrap; }
 .yes { color: var(--good); }
 .no { color: var(--bad); font-weight: 600; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); gap: 1.5rem; }
@@ -60,6 +61,10 @@ img { width: 100%; height: auto; background: #fff; border-radius: 4px; display: 
 @media (max-width: 40rem) {
   body { margin: 1rem auto; }
   th, td { padding: 0.3rem 0.4rem; font-size: 0.9rem; }
+  .measured, .measured thead, .measured tbody { display: block; }
+  .measured tr { display: grid; grid-template-columns: repeat(var(--runs), 1fr); }
+  .measured th:first-child { grid-column: 1 / -1; border: 0; padding: 0.5rem 0 0; }
+  .measured td, .measured thead th + th { text-align: left; padding-left: 0; }
 }
 """
 
@@ -153,7 +158,7 @@ def _section(finding: Finding, images: Sequence[Image], folder: Path) -> str:
     return f"""<h3 id="{statement.key}">{html.escape(statement.title)}</h3>
 <p class="where">{where}</p>
 <p><b>The thesis:</b> {html.escape(statement.thesis)}<br><b>Asked of ours:</b> {asked}.</p>
-<div class="scroll"><table>
+<div class="scroll"><table class="measured" style="--runs: {len(labels)}">
 <thead><tr><th>measured</th>{head}</tr></thead>
 <tbody>
 {body}
@@ -184,17 +189,20 @@ def _verdict(measures: tuple[Measure, ...] | None) -> str:
 
 
 def _value(measure: Measure | None) -> str:
-    if measure is None:
+    if measure is None or math.isnan(measure.value):
         return "–"
-    if math.isinf(measure.value):
-        text = "never" if measure.value > 0 else "–"
-    elif measure.unit == "" and measure.value == int(measure.value):
-        text = str(int(measure.value))
+    value, unit = measure.value, measure.unit
+    if unit in ("m", "m/s") and 1e-6 <= abs(value) < 0.01:
+        value, unit = 1e3 * value, f"m{unit}"
+    if math.isinf(value):
+        text, unit = "never", ""
+    elif unit == "" and value == int(value):
+        text = str(int(value))
     else:
-        text = f"{measure.value:.3g}".replace("e-0", "e-")
+        text = f"{value:.3g}"
         if "e" in text:
             mantissa, _, exponent = text.partition("e")
-            text = f"{mantissa} · 10<sup>{exponent.lstrip('+').replace('-', '−')}</sup>"
-    unit = f" {html.escape(measure.unit)}" if measure.unit and measure.unit != "°" else html.escape(measure.unit)
+            text = f"{mantissa} · 10<sup>{str(int(exponent)).replace('-', '−')}</sup>"
+    unit = f" {html.escape(unit)}" if unit and unit != "°" else unit
     css = ' class="no"' if measure.holds is False else ""
     return f"<span{css}>{text}{unit}</span>"

@@ -336,6 +336,10 @@ class _Sortie:
         """Return the committed score and the one from the true poses."""
         team, landmarks = self.run.team, self.run.mission.landmarks
         if len(team.history) > self._changes:
+            for entry in team.history[self._changes :]:
+                if entry.event == "trade":
+                    agents = [self.fleet.recorder.names.index(name) for name in entry.agents]
+                    self._note("trade", agents, f"{' and '.join(entry.agents)} trade: {entry.score:.2f}")
             self._changes = len(team.history)
             self._moments.append(Moment(self.fleet.time, team.owner.copy(), tuple(team.poses)))
         poses = [self._pose(agent) for agent in range(self.fleet.n)]

@@ -331,8 +331,7 @@ def _context(width: int, height: int) -> Any:
             os.environ["MUJOCO_GL"] = platform
         try:
             return importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
-        # Missing packages, missing libraries and drivers that refuse all raise something else.
-        except Exception as error:  # noqa: BLE001
+        except (ImportError, AttributeError, OSError, RuntimeError, TypeError, *_opengl_errors()) as error:
             failures.append(f"{platform}: {type(error).__name__}: {error}")
         finally:
             if unset:
@@ -342,6 +341,15 @@ def _context(width: int, height: int) -> Any:
         "expected mujoco-core, PyOpenGL and a library of EGL or OSMesa (Debian: libegl1, libgl1-mesa-dri), "
         f"got {reasons}"
     )
+
+
+def _opengl_errors() -> tuple[type[Exception], ...]:
+    """What PyOpenGL raises where a driver refuses, if it is there."""
+    try:
+        errors = importlib.import_module("OpenGL.error")
+    except ImportError:
+        return ()
+    return (errors.Error,)
 
 
 __all__ = ["SceneCamera", "Stage", "View", "frame_all", "pictures", "why_no_pictures"]

@@ -48,6 +48,8 @@ class Stage:
         Drawn as squares on the ground, frame W, metres.
     cell_m : float
         Side of these squares.
+    shadow_pixels, samples : int
+        Resolution of the shadows, and samples a pixel: without a graphics card they take most of the time.
     """
 
     vehicles: Sequence[VehicleParameters]
@@ -58,6 +60,8 @@ class Stage:
     object_radii: Sequence[float] = ()
     landmarks_W: NDArray[np.float64] | None = None
     cell_m: float = 0.5
+    shadow_pixels: int = 4096
+    samples: int = 4
 
     def __post_init__(self) -> None:
         if len(self.colours) != len(self.vehicles):
@@ -93,7 +97,7 @@ def scene_model(stage: Stage, width: int, height: int) -> Any:
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = width, height
     visual.global_.fovy = np.degrees(FOV)
-    visual.quality.shadowsize, visual.quality.offsamples = 4096, 4
+    visual.quality.shadowsize, visual.quality.offsamples = stage.shadow_pixels, stage.samples
     visual.headlight.ambient, visual.headlight.diffuse = [0.42] * 3, [0.25] * 3
     visual.headlight.specular = [0.05] * 3
     visual.rgba.haze = [*HORIZON, 1.0]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from covey.flight.parameters import VehicleParameters, load_vehicle
 from covey.runtime.output import check_target, staged
 from covey.runtime.record import FLIGHT_FILES, RESULT, write_result
 from covey.runtime.result import Progress
@@ -53,7 +54,9 @@ def write_flight(
     """
 
     def write(staging: Path) -> None:
-        _write_log(flight.log, staging, flight=flight, film=film, on_progress=on_progress)
+        mission = flight.deployment.mission
+        vehicles = [load_vehicle(mission.flight.vehicle)] * len(mission.agents)
+        _write_log(flight.log, vehicles, staging, flight=flight, film=film, on_progress=on_progress)
 
     return write_result(flight.deployment, directory, overwrite=overwrite, more=write)
 
@@ -76,7 +79,8 @@ def write_exercise(
     target = Path(directory)
     check_exercise_target(target, overwrite=overwrite)
     with staged(target, (*FLIGHT_FILES, RESULT)) as staging:
-        _write_log(result.log, staging, film=film, on_progress=on_progress)
+        vehicles = [vehicle.parameters for vehicle in result.exercise.vehicles]
+        _write_log(result.log, vehicles, staging, film=film, on_progress=on_progress)
         (staging / RESULT).write_text(exercise_text(result), encoding="utf-8")
     return target
 
@@ -114,6 +118,7 @@ def _is_exercise_result(target: Path) -> bool:
 
 def _write_log(
     log: FlightLog,
+    vehicles: Sequence[VehicleParameters],
     staging: Path,
     *,
     flight: Flight | None = None,
@@ -126,11 +131,13 @@ def _write_log(
     if len(log.time) < 2:
         return
     deployment = None if flight is None else flight.deployment
-    figure = flight_figures.flight_overview(log, deployment)
+    obstacles = () if flight is None else flight.obstacles
+    figure = flight_figures.flight_overview(log, deployment, obstacles=obstacles)
     for kind in ("png", "pdf"):
         figures.save_figure(figure, staging / f"flight.{kind}")
     if film:
         from covey.runtime.film import write_film
+        from covey.runtime.film_scene import film_scene
 
         score = math.nan if deployment is None else deployment.score.final
 
@@ -138,11 +145,15 @@ def _write_log(
             if on_progress is not None:
                 on_progress(Progress("filming", score, fraction=fraction))
 
-        write_film(
-            log,
-            staging / "flight",
-            mission=None if deployment is None else deployment.mission,
-            snapshots=() if flight is None else flight.moments,
-            obstacles=() if flight is None else flight.obstacles,
-            on_progress=report,
-        )
+        mission = None if deployment is None else deployment.mission
+        moments = () if flight is None else flight.moments
+        with film_scene(log, vehicles, mission=mission, snapshots=moments, obstacles=obstacles) as scene:
+            write_film(
+                log,
+                staging / "flight",
+                mission=mission,
+                snapshots=moments,
+                scene=scene,
+                obstacles=obstacles,
+                on_progress=report,
+            )

@@ -1,4 +1,4 @@
-"""The ideal vehicle of (2.2), which turns and thrusts exactly as told, under control without pause: the theory's world."""
+"""The theory's world: the ideal vehicle of (2.2), which thrusts and turns exactly as told, controlled without pause."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from covey.compiled import kernel
 from covey.errors import ArgumentError
 from covey.flight.backstepping import control
 from covey.flight.dynamics import kinematic_derivative
-from covey.flight.layout import COMMAND, OBSERVATION, QUAT, REFERENCE, SIGNALS
+from covey.flight.layout import COMMAND, OBSERVATION, QUAT, SIGNALS
 from covey.flight.parameters import VehicleParameters
 from covey.flight.rotation import normalise
 from covey.flight.trajectories import Trajectory
@@ -104,7 +104,8 @@ def fly_ideal(
     commands, signals = np.empty((steps + 1, COMMAND)), np.empty((steps + 1, SIGNALS))
     integrate(states, references, vehicle.row(), pure, dt, commands, signals)
     states[:, MOVING:] = commands[:, 1:]
-    return IdealFlight(dt * np.arange(steps + 1), states, references[::2], commands, signals)
+    time: Array = dt * np.arange(steps + 1, dtype=np.float64)
+    return IdealFlight(time, states, references[::2], commands, signals)
 
 
 @kernel

@@ -1,8 +1,8 @@
 """The reference simulator: the equations of `covey.flight.dynamics`, for many vehicles at once.
 
-Each physics step (5 ms) the rate loop turns the command into rotor speeds, and the vehicle is advanced by Runge-Kutta of
-order 4.  The rate loop reads the true body rates.  Against steps of 0.3 ms, half a second of tumbling then is off by less
-than 1e-6, and a move over 3 m by 2 mm, which is the rate loop's delay.
+Each physics step (5 ms) the rate loop turns the command into rotor speeds, and the vehicle is advanced by Runge-Kutta
+of order 4.  The rate loop reads the true body rates.  Against steps of 0.3 ms, half a second of tumbling then is off by
+less than 1e-6, and a move over 3 m by 2 mm, which is the rate loop's delay.
 
 A vehicle's position is where it touches: on the ground z is 0.  A vehicle that comes down to the ground stops there,
 upright unless it tilts by more than 60 degrees, and leaves it when its thrust exceeds its weight.  Vehicles are upright
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from covey.compiled import kernel
 from covey.errors import ArgumentError
-from covey.flight.backstepping import control
-from covey.flight.dynamics import WRENCH, advance, kept
+from covey.flight.backstepping import control_rows
+from covey.flight.dynamics import WRENCH, advance, kept, spin
 from covey.flight.layout import (
     COMMAND,
     GRAVITY,
@@ -183,20 +183,11 @@ class ReferenceSimulator:
         commands = _finite("commands", commands, (len(self._vehicles), COMMAND))
         substeps = self._substeps(duration)
         self._blow(duration)
-        step_rows(
-            self._state,
-            commands,
-            self._rows,
-            self._air,
-            self._working,
-            self._grounded,
-            duration / substeps,
-            substeps,
-        )
+        self._step(commands, duration / substeps, substeps)
         self._arrive(duration)
 
     def fly(self, references: Array, period: float) -> tuple[Array, Array]:
-        """Close the loop in compiled code: observe exactly, control, step, once a reference.
+        """Close the loop: observe exactly, control, step, once a reference.
 
         Parameters
         ----------
@@ -226,18 +217,8 @@ class ReferenceSimulator:
         commands, signals = np.zeros((n, COMMAND)), np.zeros((n, SIGNALS))
         for reference in references:
             self._blow(period)
-            loop_rows(
-                self._state,
-                reference,
-                self._rows,
-                self._air,
-                self._working,
-                self._grounded,
-                    period / substeps,
-                substeps,
-                commands,
-                signals,
-            )
+            control_rows(self._state, reference, self._rows, False, commands, signals)
+            self._step(commands, period / substeps, substeps)
             self._arrive(period)
         return commands, signals
 
@@ -308,6 +289,9 @@ class ReferenceSimulator:
             raise ArgumentError(f"duration: expected seconds above zero, got {duration!r}")
         return max(1, math.ceil(duration / self._physics_step - 1e-9))
 
+    def _step(self, commands: Array, dt: float, substeps: int) -> None:
+        step_rows(self._state, commands, self._rows, self._air, self._working, self._grounded, dt, substeps)
+
     def _blow(self, duration: float) -> None:
         if self._wind is not None:
             self._air = self._wind.advance(duration)
@@ -356,13 +340,14 @@ def step_rows(
             for i in range(begin, end):
                 half_up, half_down = shares[i - begin, 0], shares[i - begin, 1]
                 rotor_commands(state[i], commands[i], params[i], speeds)
-                advance(state[i], speeds, working[i], air_W[i], params[i], dt, half_up, half_down, work)
-                if state[i, P + 2] <= 0.0 and (grounded[i] or state[i, V + 2] <= 0.0):
-                    grounded[i] = True
-                elif grounded[i]:
-                    grounded[i] = not lifted(state[i], params[i])
                 if grounded[i]:
+                    spin(state[i], speeds, working[i], half_up * half_up, half_down * half_down)
+                    grounded[i] = not lifted(state[i], params[i])
+                    continue
+                advance(state[i], speeds, working[i], air_W[i], params[i], dt, half_up, half_down, work)
+                if state[i, P + 2] <= 0.0 and state[i, V + 2] <= 0.0:
                     land(state[i])
+                    grounded[i] = True
 
 
 @kernel
@@ -372,7 +357,7 @@ def lifted(state: Array, params: Array) -> bool:
     for i in range(4):
         squares += state[ROTORS + i] * state[ROTORS + i]
     vertical = 1.0 - 2.0 * (state[QUAT + 1] * state[QUAT + 1] + state[QUAT + 2] * state[QUAT + 2])
-    return params[THRUST_COEFFICIENT] * squares * vertical > params[MASS] * GRAVITY
+    return bool(params[THRUST_COEFFICIENT] * squares * vertical > params[MASS] * GRAVITY)
 
 
 @kernel
@@ -384,25 +369,6 @@ def land(state: Array) -> None:
         state[OMEGA + i] = 0.0
     if 1.0 - 2.0 * (state[QUAT + 1] * state[QUAT + 1] + state[QUAT + 2] * state[QUAT + 2]) > UPRIGHT:
         from_yaw_pitch_roll(yaw_of(state[QUAT:OMEGA]), 0.0, 0.0, state[QUAT:OMEGA])
-
-
-@kernel
-def loop_rows(
-    state: Array,
-    references: Array,
-    params: Array,
-    air_W: Array,
-    working: Array,
-    grounded: NDArray[np.bool_],
-    dt: float,
-    substeps: int,
-    commands: Array,
-    signals: Array,
-) -> None:
-    """Control n vehicles from their true states, then advance them; every array has n rows."""
-    for i in range(state.shape[0]):
-        control(state[i], references[i], params[i], False, commands[i], signals[i])
-    step_rows(state, commands, params, air_W, working, grounded, dt, substeps)
 
 
 @kernel
@@ -443,7 +409,13 @@ def find_contacts(
         order[at] = moved
     for k in range(n):
         i = order[k]
-        x, y, z, radius, half = state[i, P], state[i, P + 1], state[i, P + 2], params[i, RADIUS], 0.5 * params[i, HEIGHT]
+        x, y, z, radius, half = (
+            state[i, P],
+            state[i, P + 1],
+            state[i, P + 2],
+            params[i, RADIUS],
+            0.5 * params[i, HEIGHT],
+        )
         for m in range(k + 1, n):
             j = order[m]
             dx = state[j, P] - x

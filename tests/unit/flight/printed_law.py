@@ -80,7 +80,7 @@ class Law:
     def fly(
         self, trajectory: Callable[[float], np.ndarray], duration: float, dt: float = 0.02, *, on_it: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fly (2.2), level, from the origin at rest or `on_it`; return states, shape (k, 10), and V3, shape (k,)."""
+        """Fly (2.2) from the origin, level and at rest, or `on_it`; return states, (k, 10), and V3, (k,)."""
 
         def slope(time: float, x: np.ndarray) -> np.ndarray:
             thrust, omega, _ = self(x, trajectory(time))
@@ -91,6 +91,9 @@ class Law:
         x = np.array([0.0] * 6 + [1.0, 0.0, 0.0, 0.0])
         if on_it:
             x[:6] = trajectory(0.0)[:6]
+            u = trajectory(0.0)[6:9] + GRAVITY * E3
+            x[6:10] = np.array([np.linalg.norm(u) + u[2], -u[1], u[0], 0.0])
+            x[6:10] /= np.linalg.norm(x[6:10])
         states, values = [x], [self(x, trajectory(0.0))[2]]
         for k in range(round(duration / dt)):
             t = k * dt

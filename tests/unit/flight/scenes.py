@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,23 @@ class Scene:
         for i, goal in enumerate(self.goals):
             navigator.set_goal(i, goal, 1.0)
         return navigator
+
+
+class Follower(Protocol):
+    """What flies by references."""
+
+    @property
+    def p(self) -> Array:
+        """True positions, shape (n, 3)."""
+        ...
+
+    def measure(self) -> tuple[Array, Array]:
+        """Measured positions and velocities."""
+        ...
+
+    def follow(self, references: Array) -> None:
+        """Fly for one control period."""
+        ...
 
 
 @dataclass
@@ -90,7 +108,7 @@ class Outcome:
 
 def fly(
     navigator: Navigator,
-    plant: Plant,
+    plant: Follower,
     *,
     ratio: float,
     obstacles: Sequence[Obstacle] = (),
@@ -119,7 +137,7 @@ def fly(
             for p in plant.p if obstacles else ():
                 room = min(room, clearance(*packed, *(float(x) for x in p)))
         if step % 10 == 0 and until == steps:
-            if all(navigator.status(i) in (Status.ARRIVED_REFERENCE, Status.BLOCKED) for i in range(len(navigator))):
+            if not any(navigator.status(i) is Status.FLYING for i in range(len(navigator))):
                 until = step + round(linger / DT)
         if step >= until:
             break
@@ -142,10 +160,12 @@ def random_obstacle(rng: np.random.Generator, size: float) -> Obstacle:
 
 
 def spread(rng: np.random.Generator, n: int, obstacles: Sequence[Obstacle], size: float, keep: float) -> Array:
-    """Draw n points a required separation from each other and clear of obstacles."""
+    """Draw n points a required separation from each other and clear of obstacles; fewer where there is no room."""
     packed = pack(obstacles)
     points: list[Array] = []
-    while len(points) < n:
+    for _ in range(50 * n):
+        if len(points) == n:
+            break
         p = np.array([*rng.uniform(-size, size, 2), rng.uniform(1.0, 3.0)])
         if clearance(*packed, *(float(x) for x in p)) < keep:
             continue
@@ -181,12 +201,13 @@ def random_scene(seed: int) -> Scene:
     obstacles: list[Obstacle] = []
     for _ in range(int(rng.integers(0, 7))):
         obstacles.append(random_obstacle(rng, 0.8 * size))
-    starts = spread(rng, n, obstacles, size, 1.02 * keep)
     while True:
+        starts = spread(rng, n, obstacles, size, 1.02 * keep)
         goals = spread(rng, n, obstacles, size, 1.02 * keep)
-        if reachable(vehicle, starts, goals, obstacles):
-            break
-    return Scene(starts, goals, tuple(obstacles), name)
+        if len(starts) == len(goals) == n and reachable(vehicle, starts, goals, obstacles):
+            return Scene(starts, goals, tuple(obstacles), name)
+        obstacles = obstacles[:-1]
+        size *= 1.02
 
 
 def symmetric_scene(kind: int, name: str = "iris") -> Scene:

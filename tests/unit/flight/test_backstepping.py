@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.unit.flight.printed_law import Law
 
 from covey.errors import ArgumentError
 from covey.flight.backstepping import control, control_all
@@ -26,8 +27,6 @@ from covey.flight.layout import (
 from covey.flight.parameters import PARAMETERS, TILT_RESERVE, load_vehicle, vehicle_names
 from covey.flight.trajectories import Circle, Hold
 from covey.simulators.ideal import fly_ideal
-
-from tests.unit.flight.printed_law import Law
 
 E3 = np.array([0.0, 0.0, 1.0])
 
@@ -106,6 +105,28 @@ def test_derivative_of_v3_is_what_v3_does(trajectory: Hold | Circle, pure: bool)
     assert np.median(error) < 1e-8 * np.abs(analytic).max()
     # where a bound begins or ends to act V3 has a kink, which differences blur over a few steps
     assert np.quantile(error, 1.0 if pure else 0.98) < 1e-4 * np.abs(analytic).max()
+
+
+@pytest.mark.parametrize(
+    ("offset", "velocity"),
+    [
+        ((4.0, 0.0, 0.0), (-1.0, 0.5, 0.0)),  # tilt
+        ((0.3, 0.2, 0.0), (0.2, 0.5, -3.0)),  # climb
+        ((0.3, 0.2, 0.0), (0.2, 0.5, 3.0)),  # descent
+        ((4.0, 0.0, 0.0), (-1.0, 0.5, -1.1)),  # thrust
+        ((1.2, 1.3, 0.0), (0.5, 0.7, 0.0)),  # position error
+    ],
+)
+def test_derivative_with_a_bound_active(
+    offset: tuple[float, float, float], velocity: tuple[float, float, float]
+) -> None:
+    dt = 1e-3
+    start = [0.0, 0.0, 0.0, *velocity, 1.0, 0.0, 0.0, 0.0]
+    flight = fly_ideal(Hold(offset), start, load_vehicle("iris"), duration=0.02, dt=dt, pure=False)
+    v = flight.signals[:, SIG_V3]
+    numeric = (8.0 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) / (12.0 * dt)
+    analytic = flight.signals[2:-2, SIG_DV3]
+    np.testing.assert_allclose(analytic, numeric, atol=1e-6 * np.abs(numeric).max())
 
 
 @pytest.mark.parametrize("name", vehicle_names())

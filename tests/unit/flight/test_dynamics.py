@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -61,7 +63,7 @@ def test_integrator_has_order_four(name: str) -> None:
     commands = load_vehicle(name).hover_speed * np.array([1.02, 0.99, 1.01, 1.0])
     wind = np.array([1.0, -2.0, 0.5])
     ends = [run(state, row, commands, 0.4, h, wind=wind)[:13] for h in (0.02, 0.01, 0.005, 0.0025, 0.00125)]
-    gaps = [float(np.linalg.norm(a - b)) for a, b in zip(ends, ends[1:], strict=False)]
+    gaps = [float(np.linalg.norm(a - b)) for a, b in pairwise(ends)]
     orders = np.log2(np.array(gaps[:-1]) / np.array(gaps[1:]))
     assert np.all(np.abs(orders - 4.0) < 0.25), orders
 
@@ -84,12 +86,12 @@ def test_energy_and_momentum_without_forces() -> None:
     row, state = without_drag("iris"), start("iris", rotors=0.0, tumbling=True)
     inertia = row[INERTIA : INERTIA + 3]
 
-    def kept(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def kept(x: np.ndarray) -> list[np.ndarray]:
         energy = 0.5 * row[MASS] * x[V : V + 3] @ x[V : V + 3] + row[MASS] * GRAVITY * x[P + 2]
         energy += 0.5 * float(inertia @ x[OMEGA : OMEGA + 3] ** 2)
         angular = np.empty(3)
         rotation.rotate(x[QUAT:OMEGA], inertia * x[OMEGA : OMEGA + 3], angular)
-        return float(energy), angular, row[MASS] * x[V : V + 2]
+        return [np.array(energy), angular, np.asarray(row[MASS] * x[V : V + 2])]
 
     end = run(state, row, np.zeros(4), 3.0, 0.005)
     for before, after in zip(kept(state), kept(end), strict=True):

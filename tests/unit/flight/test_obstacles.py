@@ -51,7 +51,7 @@ def exact_distance(obstacle: Obstacle, p: np.ndarray) -> float:
     point = shapely.Point(p[:2])
     side = point.distance(outline) if not outline.contains(point) else -point.distance(outline.boundary)
     height = max(low - p[2], p[2] - high)
-    return math.hypot(max(side, 0.0), max(height, 0.0)) + min(max(side, height), 0.0)
+    return float(math.hypot(max(side, 0.0), max(height, 0.0)) + min(max(side, height), 0.0))
 
 
 @pytest.mark.parametrize("k", range(len(SHAPES)))

@@ -50,7 +50,7 @@ def test_mixer_agrees_with_the_geometry_and_hover_carries_the_weight(name: str) 
     assert row.shape == (PARAMETERS,)
     inverse = row[parameters.ALLOCATION : parameters.ALLOCATION + 16].reshape(4, 4)
     np.testing.assert_allclose(vehicle.mixer @ inverse, np.eye(4), atol=1e-9)
-    # a rotor on the left (y > 0) rolls to the right, one in front (x > 0) lifts the nose; its torque is against its spin
+    # a rotor on the left (y > 0) rolls to the right, one in front (x > 0) lifts the nose; torque is against spin
     for (x, y), spin, column in zip(vehicle.rotor_positions_B, vehicle.rotor_spins, vehicle.mixer.T, strict=True):
         assert math.copysign(1.0, column[1]) == math.copysign(1.0, y)
         assert math.copysign(1.0, column[2]) == -math.copysign(1.0, x)
@@ -95,7 +95,7 @@ def test_row_names_its_columns() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('unit = "kg"', 'unit = "g"', 'body.mass: expected unit "kg", got \'g\''),
+        ('unit = "kg"', 'unit = "g"', "body.mass: expected unit \"kg\", got 'g'"),
         ("value = 1.442", "value = -1.442", "body.mass: expected more than 0, got -1.442"),
         ("value = 1.442", 'value = "1.442"', "body.mass: expected"),
         ("value = 1.442", "value = nan", "body.mass: expected finite"),
@@ -108,8 +108,8 @@ def test_row_names_its_columns() -> None:
         ("[1, 1, -1, -1]", "[1, -1, 1, -1]", "rotors.positions: with these spins"),
         ("value = 838.0", "value = 600.0", "rotors.speed_max: expected rotors that lift the vehicle"),
         ("value = 60.0", "value = 900.0", "rotors.speed_min: expected less than rotors.speed_max"),
-        ("value = 4.0, unit = \"m/s^2\"", "value = 10.0, unit = \"m/s^2\"", "limits.max_thrust: expected gravity"),
-        ('max_tilt = { value = 45.0', 'max_tilt = { value = 95.0', "limits.max_tilt: expected less than 90 deg"),
+        ('value = 4.0, unit = "m/s^2"', 'value = 10.0, unit = "m/s^2"', "limits.max_thrust: expected gravity"),
+        ("max_tilt = { value = 45.0", "max_tilt = { value = 95.0", "limits.max_tilt: expected less than 90 deg"),
         ("rotor_lead = { value = 1.0", "rotor_lead = { value = 0.5", "rate_loop.rotor_lead: expected 1 or more"),
         ("vertical_ratio = { value = 2.0", "vertical_ratio = { value = 0.5", "separation.vertical_ratio: expected 1"),
         ('name = "iris"', "name = 3", "name: expected a text, got 3"),

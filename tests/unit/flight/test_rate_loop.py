@@ -11,9 +11,9 @@ from covey.flight.rate_loop import allocate, rotor_commands
 from covey.simulators.reference import ReferenceSimulator
 
 
-def thrusts(vehicle: VehicleParameters, *wrench: float) -> np.ndarray:
+def thrusts(vehicle: VehicleParameters, force: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     out = np.empty(4)
-    allocate(*wrench, vehicle.row(), out)
+    allocate(force, roll, pitch, yaw, vehicle.row(), out)
     return out
 
 

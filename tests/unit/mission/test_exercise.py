@@ -40,7 +40,7 @@ exercise:
     - sphere: {center_m: [20, 0, 1], radius_m: 1}
     - box: {x_m: [30, 31], y_m: [0, 1], z_m: [0, 2]}
     - prism: {corners: [[40, 0], [41, 0], [40, 1]], z_m: [0, 3]}
-  navigation: {k_wp: 1, k_v: 5, k_rep: 2, threshold_m: 1.5, max_speed_m_s: 1}
+  navigation: {k_wp: 1, k_v: 5, k_rep: 2, threshold_m: 1.5, max_speed_m_s: 0.25}
   wind: {steady_m_s: [1, 0], gust_m_s: 0.5}
   noise: {position_m: 0.02, attitude_deg: 1, latency_s: 0.02}
   arrival: {position_m: 0.2, yaw_deg: 10}
@@ -94,6 +94,8 @@ BROKEN = [  # what is replaced, by what, the key and the line that the report na
     ("[40, 1]]", "[42, 0]]", "exercise.obstacles[2].prism", 16, "does not cross itself"),
     ("k_wp: 1", "kwp: 1", "exercise.navigation.kwp", 17, "did you mean 'k_wp'"),
     ("k_rep: 2", "k_rep: 0", "exercise.navigation.k_rep", 17, "expected a number above 0"),
+    ("max_speed_m_s: 0.25", "max_speed_m_s: 1", "exercise.navigation", 17, "set max_speed <= 0.293 m/s"),
+    ("threshold_m: 1.5", "threshold_m: 0.9", "exercise.navigation", 17, "more than the required separation of 0.96 m"),
     ("gust_m_s: 0.5", "gust_m_s: -1", "exercise.wind.gust_m_s", 18, "of at least 0, got -1"),
     ("latency_s: 0.02", "latency_s: 2", "exercise.noise.latency_s", 19, "of at most 1, got 2"),
     ("arrival:", "arival:", "exercise.arival", 20, "did you mean 'arrival'"),
@@ -118,7 +120,7 @@ def test_what_comes_out_is_in_si_units() -> None:
     assert grey.task is None
     assert exercise.objects == (MovingObject("stick", 0.1, ((-3.0, 9.0, 1.0), (3.0, 9.0, 1.0)), 0.5, 2.0),)
     assert [type(obstacle) for obstacle in exercise.obstacles] == [Sphere, Box, Prism]
-    assert exercise.navigation == {"k_wp": 1.0, "k_v": 5.0, "k_rep": 2.0, "threshold": 1.5, "max_speed": 1.0}
+    assert exercise.navigation == {"k_wp": 1.0, "k_v": 5.0, "k_rep": 2.0, "threshold": 1.5, "max_speed": 0.25}
     assert exercise.wind.steady_W == (1.0, 0.0, 0.0)
     assert exercise.noise.attitude == pytest.approx(math.radians(1))
     assert (exercise.arrival_position, exercise.arrival_yaw) == (0.2, math.radians(10))
