@@ -22,8 +22,11 @@ from covey.geometry import polygon
 from covey.sensing.kernels import ISOTROPIC, ORIENTED, gain_gradient, visibility_gradients
 
 SHAKES = 4
-SHAKE = 0.01
-"""How often and how far the best poses are shaken at the end, in optimal distances and radians."""
+SHAKE = 0.03
+"""How often the best poses are shaken at the end, and how far at first, in optimal distances and radians."""
+
+COARSE = 1e3
+"""How many times the precision asked for will do for an ascent that is not the last."""
 
 contains_point = kernel(polygon.contains_point)
 nearest_on_edges = kernel(polygon.nearest_on_edges)
@@ -304,7 +307,9 @@ def climb_all(
                 top = i
         if values[top] == -math.inf:
             break
-        value, found, evaluations = ascend(kinds, scales, landmarks, edges, offsets, starts[top], polish, precision)
+        value, found, evaluations = ascend(
+            kinds, scales, landmarks, edges, offsets, starts[top], polish, COARSE * precision
+        )
         total += evaluations
         # starts that have climbed to the same place are of no more use
         near = values[top] - 1e-9
@@ -313,14 +318,19 @@ def climb_all(
                 values[i] = -math.inf
         if value > best:
             best, result = value, found
-    # an ascent may end on a ridge of kinks a little below the summit; it finds the rest from a hair's breadth beside
+    # an ascent may end on a ridge of kinks a little below the summit; it finds the rest from a hair's breadth beside,
+    # each time from ten times nearer and to a tenth of the precision
     beside = np.empty_like(result)
+    finer = COARSE
     for attempt in range(SHAKES):
         for a in range(beside.shape[0]):
             for j in range(3):
-                shake = SHAKE * math.cos(2.4 * (attempt + 1) * (3 * a + j + 1))
+                shake = SHAKE * finer / COARSE * math.cos(2.4 * (attempt + 1) * (3 * a + j + 1))
                 beside[a, j] = result[a, j] + (shake * scales[a] if j < 2 else shake)
-        value, found, evaluations = ascend(kinds, scales, landmarks, edges, offsets, beside, polish, precision)
+        finer *= 0.1
+        value, found, evaluations = ascend(
+            kinds, scales, landmarks, edges, offsets, beside, polish, max(1.0, finer) * precision
+        )
         total += evaluations
         if value > best:
             best, result = value, found

@@ -2,9 +2,9 @@
 
 The bound of a box comes from `sensing.kernels.linear_bounds`: each landmark's part is at most the positive part of a
 function that is linear in the offset from the box's centre and linear in the heading vector.  A sum of positive parts
-of linear functions is convex, so over the box it is largest at one of its four corners, and over the headings at one of
-the three corners of a triangle around their arc.  Twelve plain sums bound a box, and the overestimate falls with the
-square of its size, so the number of boxes grows with the logarithm of the tolerance only.
+of linear functions is convex, so over the box it is largest at one of its four corners, and over an arc of headings it
+is bounded by its values at both ends.  Eight plain sums bound a box, and the overestimate falls with the square of its
+size, so the number of boxes grows with the logarithm of the tolerance only.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from covey.optimize.search import POLISH, Search
 from covey.sensing.base import is_compiled
 from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
 
-CUT = 1.0
-"""The heading of a box is cut when it overestimates more than this times what the position does."""
+CUT = 3.0
+"""The heading of a box is cut when half its arc, radians, is more than this times half its longer side."""
 
 SMALLEST = 1e-10
 """Boxes smaller than this times the region are not cut."""
@@ -43,20 +43,41 @@ CHUNK = 20_000_000
 
 
 @fast_kernel
-def _vertex_bound(lines: NDArray[np.float64], tx: float, ty: float) -> float:
-    """Largest sum over the four corners of the box for one heading vector."""
+def _corner_sums(lines: NDArray[np.float64], tx: float, ty: float, c: float) -> tuple[float, float, float, float]:
+    """Sums over the landmarks at the four corners of a box and one end of its arc; c is the cosine of half the arc."""
     pp = pm = mp = mm = 0.0
     for k in range(lines.shape[1]):
-        centre = lines[0, k] * tx + lines[1, k] * ty + lines[2, k]
-        ex = lines[3, k] * tx + lines[4, k] * ty + lines[5, k]
-        ey = lines[6, k] * tx + lines[7, k] * ty + lines[8, k]
-        plus = centre + ex
-        minus = centre - ex
-        pp += max(0.0, plus + ey)
-        pm += max(0.0, plus - ey)
-        mp += max(0.0, minus + ey)
-        mm += max(0.0, minus - ey)
-    return max(max(pp, pm), max(mp, mm))
+        centre = lines[0, k] * tx + lines[1, k] * ty
+        ex = lines[3, k] * tx + lines[4, k] * ty
+        ey = lines[6, k] * tx + lines[7, k] * ty
+        plus = lines[2, k] + lines[5, k]
+        minus = lines[2, k] - lines[5, k]
+        change = lines[8, k]
+        pp += max(0.0, centre + ex + ey + _constant(plus + change, c))
+        pm += max(0.0, centre + ex - ey + _constant(plus - change, c))
+        mp += max(0.0, centre - ex + ey + _constant(minus + change, c))
+        mm += max(0.0, centre - ex - ey + _constant(minus - change, c))
+    return pp, pm, mp, mm
+
+
+@fast_kernel
+def _constant(level: float, c: float) -> float:
+    """Raise a constant so far that it holds when both ends of the arc are added up with factors of 1 to 1/c in all."""
+    return max(level, c * level)
+
+
+@kernel
+def _arc(first: float, last: float, c: float, s: float) -> float:
+    """Largest value over an arc of half angle w, c and s its cosine and sine, of a convex function given at both ends.
+
+    A heading on the arc is the sum of its ends times sin(w - t) / sin(2 w) and sin(w + t) / sin(2 w), so the function
+    there is at most the same sum of its values.  That sum is a sinusoid in t.
+    """
+    total = first + last
+    change = abs(last - first)
+    if change * c * c >= total * s * s:
+        return max(first, last)
+    return 0.5 * math.hypot(total / c, change / s)
 
 
 @kernel
@@ -72,24 +93,26 @@ def _box_bound(
 
     A bound above `target` may come before all of the box is looked at only where the box is kept anyway.
     """
-    turn = 2.0 if kind == ORIENTED else 1.0
     psi, width = box[2], box[5]
-    vertices[0, 0], vertices[0, 1] = math.cos(psi - width), math.sin(psi - width)
-    vertices[1, 0], vertices[1, 1] = math.cos(psi + width), math.sin(psi + width)
-    outer = 1.0 / math.cos(width) if kind != ISOTROPIC else 1.0
-    vertices[2, 0], vertices[2, 1] = outer * math.cos(psi), outer * math.sin(psi)
-    slack = linear_bounds(kind, columns, box[0], box[1], box[3], box[4], vertices, lines)
+    if kind == ORIENTED:
+        vertices[0, 0], vertices[0, 1] = math.cos(psi - width), math.sin(psi - width)
+        vertices[1, 0], vertices[1, 1] = math.cos(psi + width), math.sin(psi + width)
+        outer = 1.0 / math.cos(width)
+        vertices[2, 0], vertices[2, 1] = outer * math.cos(psi), outer * math.sin(psi)
+        psi, width = 2.0 * psi, 2.0 * width
+    linear_bounds(kind, columns, box[0], box[1], box[3], box[4], vertices, lines)
     if kind == ISOTROPIC:
-        return _vertex_bound(lines, 0.0, 0.0), False
-    outer = 1.0 / math.cos(turn * width)
-    bound = _vertex_bound(lines, outer * math.cos(turn * psi), outer * math.sin(turn * psi))
-    # not all that the size of a box adds is in `slack`, so its heading never gets far smaller than its sides
-    turned = width > 0.1 * max(box[3], box[4]) and CUT * slack < bound * (outer - 1.0)
+        corners = _corner_sums(lines, 0.0, 0.0, 1.0)
+        return max(max(corners[0], corners[1]), max(corners[2], corners[3])), False
+    c, s = math.cos(width), math.sin(width)
+    first = _corner_sums(lines, math.cos(psi - width), math.sin(psi - width), c)
+    bound = max(max(first[0], first[1]), max(first[2], first[3]))
+    turned = width > CUT * max(box[3], box[4])
     if bound > target:
         return math.inf, turned
-    for side in (-1.0, 1.0):
-        angle = turn * (psi + side * width)
-        bound = max(bound, _vertex_bound(lines, math.cos(angle), math.sin(angle)))
+    last = _corner_sums(lines, math.cos(psi + width), math.sin(psi + width), c)
+    for corner in range(4):
+        bound = max(bound, _arc(first[corner], last[corner], c, s))
     return bound, turned
 
 

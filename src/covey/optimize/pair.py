@@ -152,7 +152,7 @@ class PairSearch:
             CLIMB,
             max(1, self.keep * count // self.starts),
             POLISH,
-            1e-7,
+            1e-8,
         )
         poses = (Pose2.from_array(found[0]), Pose2.from_array(found[1]))
         score = problem.score(poses)
@@ -168,7 +168,7 @@ class PairSearch:
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Candidate poses, shape (c, 3), and how well they see the landmarks, shape (c, n)."""
         unit = model.optimal_distance
-        poses = candidate_poses(landmarks, region, unit, self.anchors, rng=rng)
+        poses = candidate_poses(columns, region, unit, self.anchors, rng=rng)
         values = np.empty(len(poses))
         pose_values(int(model.kernel), columns, 1.0 / unit, poses, values)
         chosen = poses[spread(poses, values, unit, self.candidates)]

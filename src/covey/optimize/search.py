@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.compiled import kernel
-from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
 from covey.optimize import blackbox
 from covey.optimize.ascent import climb_all, contains_point, nearest_on_edges, pose_values
@@ -26,35 +25,63 @@ POOL = 8
 
 HEADINGS = 8
 APART = 0.5
-OFFSETS = (0.3, 1.2)
+ROUNDING = 1e-9
+"""Scores that are further apart than this, times their size, are compared as the kernels sum them."""
+
+NEAREST = 0.3
+FURTHEST = 1.2
 """How far from a landmark a candidate stands that looks at it, optimal distances."""
 
 
 def candidate_poses(
-    landmarks: Landmarks, region: Region, unit: float, anchors: int, *, rng: np.random.Generator
+    columns: NDArray[np.float64], region: Region, unit: float, anchors: int, *, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Poses from which some landmark is seen well: shape (s, 3), all in the region.
 
     Parameters
     ----------
+    columns : array, shape (6, n)
+        The landmarks; see `landmark_columns`.
     unit : float
         The optimal distance, metres.
     anchors : int
         How many landmarks are looked at, from HEADINGS directions each.
     """
-    n = len(landmarks)
-    if not n:
+    if not columns.shape[1]:
         return np.empty((0, 3))
-    chosen = np.resize(np.arange(n), anchors) if n <= anchors else rng.choice(n, anchors, replace=False)
+    poses = np.empty((anchors * HEADINGS, 3))
+    _candidates(columns, region.inset_edges, unit, rng.random((anchors, HEADINGS + 2)), poses)
+    return poses
+
+
+@kernel
+def _candidates(
+    columns: NDArray[np.float64],
+    edges: NDArray[np.float64],
+    unit: float,
+    draws: NDArray[np.float64],
+    poses: NDArray[np.float64],
+) -> None:
+    """Fill poses, shape (anchors HEADINGS, 3), from uniform draws, shape (anchors, HEADINGS + 2)."""
+    n = columns.shape[1]
+    order = np.empty(n, dtype=np.int64)
+    for k in range(n):
+        order[k] = k
     turn = 2.0 * math.pi / HEADINGS
-    psi = turn * np.arange(HEADINGS)[None, :] + rng.uniform(0.0, turn, (len(chosen), 1))
-    points = landmarks.positions_W[chosen]
-    poses = np.empty((len(chosen), HEADINGS, 3))
-    offset = unit * rng.uniform(*OFFSETS, psi.shape)
-    poses[:, :, 0] = points[:, 0:1] - offset * np.cos(psi)
-    poses[:, :, 1] = points[:, 1:2] - offset * np.sin(psi)
-    poses[:, :, 2] = psi
-    return into_region(poses.reshape(-1, 3), region)
+    for a in range(draws.shape[0]):
+        if draws.shape[0] < n:
+            # the first of a shuffled deck: no landmark is looked at twice
+            swap = a + int(draws[a, 0] * (n - a))
+            order[a], order[swap] = order[swap], order[a]
+        k = order[a % n]
+        for j in range(HEADINGS):
+            psi = turn * (draws[a, 1] + j)
+            offset = unit * (NEAREST + (FURTHEST - NEAREST) * draws[a, 2 + j])
+            i = a * HEADINGS + j
+            poses[i, 0] = columns[0, k] - offset * math.cos(psi)
+            poses[i, 1] = columns[1, k] - offset * math.sin(psi)
+            poses[i, 2] = psi
+    _into_region(poses, edges)
 
 
 def into_region(poses: NDArray[np.float64], region: Region) -> NDArray[np.float64]:
@@ -74,7 +101,7 @@ def spread(poses: NDArray[np.float64], values: NDArray[np.float64], unit: float,
     """Indices of the best poses that are not near a better one: at most `count`."""
     order = np.arange(len(values))
     if len(values) > POOL * count:
-        order = np.sort(np.argpartition(-values, POOL * count)[: POOL * count])
+        order = np.flatnonzero(values >= np.partition(values, -POOL * count)[-POOL * count])
     order = order[np.argsort(-values[order], kind="stable")]
     chosen = np.empty(count, dtype=np.int64)
     return chosen[: _spread(poses, order, 1.0 / unit, chosen)]
@@ -87,10 +114,12 @@ def _spread(poses: NDArray[np.float64], order: NDArray[np.int64], inverse: float
         near = False
         for c in range(found):
             j = chosen[c]
-            turn = abs(poses[i, 2] - poses[j, 2]) % (2.0 * math.pi)
-            turn = min(turn, 2.0 * math.pi - turn)
-            away = math.hypot(poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]) * inverse
-            if away + 0.5 * turn < APART:
+            turn = (poses[i, 2] - poses[j, 2]) / (2.0 * math.pi)
+            turn = 2.0 * math.pi * abs(turn - math.floor(turn + 0.5))
+            dx = (poses[i, 0] - poses[j, 0]) * inverse
+            dy = (poses[i, 1] - poses[j, 1]) * inverse
+            room = max(0.0, APART - 0.5 * turn)
+            if dx * dx + dy * dy < room * room:
                 near = True
                 break
         if not near:
@@ -139,31 +168,32 @@ class Search:
             return blackbox.search(problem, start=start, rng=rng)
         unit = model.optimal_distance
         columns = landmark_columns(problem.landmarks, problem.thresholds)
-        candidates = candidate_poses(problem.landmarks, region, unit, self.anchors, rng=rng)
+        candidates = candidate_poses(columns, region, unit, self.anchors, rng=rng)
         if start is not None:
-            candidates = np.vstack([candidates, start.as_array()[None, :]])
+            candidates = np.concatenate([candidates, start.as_array()[None, :]])
         if not len(candidates):
             candidates = np.array([[*region.sample(1, rng=rng)[0], 0.0]])
         values = np.empty(len(candidates))
         pose_values(int(model.kernel), columns, 1.0 / unit, candidates, values)
         chosen = spread(candidates, values, unit, self.starts)
-        starts = candidates[chosen]
         if start is not None:
-            starts = np.vstack([starts, start.as_array()[None, :]])
+            chosen = np.append(chosen, len(candidates) - 1)
+        starts = candidates[chosen]
         _, poses, evaluations = climb_all(
             np.array([int(model.kernel)]),
             np.array([unit]),
             columns,
             region.inset_edges,
             np.array([0, len(region.inset_edges)]),
-            np.ascontiguousarray(starts[:, None, :]),
+            starts[:, None, :],
             CLIMB,
             self.keep,
             POLISH,
-            1e-9,
+            1e-10,
         )
         pose = Pose2.from_array(poses[0])
         score = problem.score(pose)
-        if start is not None and problem.score(start) >= score:
+        # the start's value is known up to rounding
+        if start is not None and score - values[-1] < ROUNDING * max(1.0, score) and problem.score(start) >= score:
             pose, score = start, problem.score(start)
         return PoseResult(pose, score, evaluations=evaluations + len(candidates))

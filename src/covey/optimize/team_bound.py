@@ -211,8 +211,9 @@ def _groups(
             groups.append(_Group(model, region, 1, np.zeros((0, 3)), np.zeros((0, len(landmarks)))))
     own = np.array([pose.as_array() for pose in poses])
     size = min(2500, max(200, POOL_ENTRIES // len(landmarks)) // len(groups))
+    columns = landmark_columns(landmarks)
     for group in groups:
-        anchors = candidate_poses(landmarks, group.region, group.model.optimal_distance, max(1, size // 8), rng=rng)
+        anchors = candidate_poses(columns, group.region, group.model.optimal_distance, max(1, size // 8), rng=rng)
         inside = group.region.contains_points(own[:, :2])
         group.add(np.vstack([own[inside], anchors]), landmarks)
     return groups
@@ -227,7 +228,7 @@ def _climb(group: _Group, landmarks: Landmarks, prices: NDArray[np.float64], rng
     model, region = group.model, group.region
     unit, kind = model.optimal_distance, int(model.kernel)
     columns = landmark_columns(landmarks, prices)
-    fresh = candidate_poses(landmarks, region, unit, 128, rng=rng)
+    fresh = candidate_poses(columns, region, unit, 128, rng=rng)
     candidates = np.vstack([group.poses, fresh])
     values = np.empty(len(candidates))
     pose_values(kind, columns, 1.0 / unit, candidates, values)

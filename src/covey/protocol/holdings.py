@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from covey.geometry import Pose2
 from covey.protocol.messages import Commit, Sender, TradeId
 from covey.protocol.planner import AgentState
-from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice
+from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice, difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Holdings:
         """Return the sorted landmarks owned and not in escrow."""
         if self.escrow is None:
             return self.own.indices
-        return np.setdiff1d(self.own.indices, self.escrow.landmarks, assume_unique=True)
+        return difference(self.own.indices, self.escrow.landmarks)
 
     def contradicts(self, records: RecordSlice) -> bool:
         """Whether another's own landmarks are among mine: then what it says is old."""

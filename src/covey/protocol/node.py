@@ -38,7 +38,7 @@ from covey.protocol.outputs import (
 )
 from covey.protocol.partners import NodeOptions, Order, Partners, random_order
 from covey.protocol.planner import AgentState, Planner, Proposal, Verdict, coverage_score, is_better, judge
-from covey.protocol.records import LandmarkRecords, PoseRecords, RecordSlice
+from covey.protocol.records import LandmarkRecords, PoseRecords, RecordSlice, difference
 from covey.protocol.state import Lock, Trigger, next_state
 
 
@@ -377,8 +377,8 @@ class Node:
             request.trade,
             own.pose_record,
             own.own,
-            np.setdiff1d(self.landmarks, proposal.server_landmarks, assume_unique=True),
-            np.setdiff1d(state.landmarks, proposal.client_landmarks, assume_unique=True),
+            difference(self.landmarks, proposal.server_landmarks),
+            difference(state.landmarks, proposal.client_landmarks),
             proposal.server_pose,
             proposal.client_pose,
         )
@@ -486,6 +486,8 @@ class Node:
 
 
 def _proposal(offer: Offer, client_landmarks: NDArray[np.int64]) -> Proposal:
-    server = np.union1d(np.setdiff1d(offer.records.indices, offer.give, assume_unique=True), offer.want)
-    client = np.union1d(np.setdiff1d(client_landmarks, offer.want, assume_unique=True), offer.give)
+    server = np.concatenate([difference(offer.records.indices, offer.give), offer.want])
+    client = np.concatenate([difference(client_landmarks, offer.want), offer.give])
+    server.sort()
+    client.sort()
     return Proposal(offer.server_pose, offer.client_pose, server, client)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
+from covey.protocol.records import difference
 
 MARGIN = 1e-12
 """How much better, relative to the score, better must be: rounding is never taken for a gain, so gains are finite."""
@@ -147,8 +148,8 @@ def judge(planner: Planner, server: AgentState, client: AgentState, proposal: Pr
     accepted = is_better(before, after)
     if not accepted and proposal.server_pose == server.pose and proposal.client_pose == client.pose:
         advantage = planner.visibility(client.agent, client.pose) - planner.visibility(server.agent, server.pose)
-        give = np.setdiff1d(server.landmarks, proposal.server_landmarks, assume_unique=True)
-        want = np.setdiff1d(client.landmarks, proposal.client_landmarks, assume_unique=True)
+        give = difference(server.landmarks, proposal.server_landmarks)
+        want = difference(client.landmarks, proposal.client_landmarks)
         moves = len(give) + len(want) > 0
         accepted = moves and bool((advantage[give] > planner.sigma).all() and (advantage[want] < -planner.sigma).all())
     return Verdict(accepted, before, after)

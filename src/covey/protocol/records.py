@@ -221,6 +221,20 @@ class LandmarkRecords:
         return newer
 
 
+def difference(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return what is in the first of two sorted sets of landmarks and not in the second, sorted.
+
+    Examples
+    --------
+    >>> difference(np.array([0, 2, 3]), np.array([1, 2]))
+    array([0, 3])
+    """
+    if not len(second):
+        return first
+    kept: NDArray[np.int64] = first[second[np.minimum(np.searchsorted(second, first), len(second) - 1)] != first]
+    return kept
+
+
 def _newer(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
     newer = a[:, INCARNATION] > b[:, INCARNATION]
     for column in (OWNER, VERSION, GENERATION):

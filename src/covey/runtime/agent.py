@@ -21,7 +21,7 @@ from covey.optimize import (
     PoseProblem,
     Search,
 )
-from covey.protocol import AgentState, PoseRecords, Proposal
+from covey.protocol import AgentState, PoseRecords, Proposal, coverage_score
 from covey.runtime.streams import Stream, generator
 from covey.sensing import VisibilityModel, build_model, is_compiled
 
@@ -148,7 +148,8 @@ class TeamPlanner:
         self.optimizations += 1
         problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self.regions[agent])
         result = self.optimizer.maximize(problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent])
-        return result.pose if result.score > problem.score(pose) + LEAST_GAIN * self.sigma else None
+        before = coverage_score(self, agent, pose, landmarks)
+        return result.pose if result.score > before + LEAST_GAIN * self.sigma else None
 
     def propose(self, server: AgentState, client: AgentState) -> Proposal | None:
         """Return the trade that the mission's rule finds, or None."""
@@ -185,7 +186,7 @@ class TeamPlanner:
             (server.pose, client.pose),
             self.landmarks.subset(union),
         )
-        before = self._score(server) + self._score(client)
+        before = sum(coverage_score(self, state.agent, state.pose, state.landmarks) for state in (server, client))
         poses, score = self._pair.maximize(problem, rng=self._rngs[server.agent])
         if score <= before + LEAST_GAIN * self.sigma:
             return None
@@ -198,10 +199,6 @@ class TeamPlanner:
 
     def _is_blind(self, agent: int) -> bool:
         return self.models[agent].maximum == 0.0
-
-    def _score(self, state: AgentState) -> float:
-        row = self.visibility(state.agent, state.pose)[state.landmarks]
-        return float(row @ self.weights[state.landmarks])
 
     def _apart(self, server: AgentState, client: AgentState) -> bool:
         """Whether the landmarks of the two lie so far apart that sharing them anew is seldom worth its time."""

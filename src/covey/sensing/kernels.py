@@ -140,7 +140,7 @@ def linear_bounds(
     hy: float,
     vertices: NDArray[np.float64],
     out: NDArray[np.float64],
-) -> float:
+) -> None:
     """Bound every landmark's part of a pose problem over a box of positions and headings by linear functions.
 
     For a position at offset (ox hx, oy hy), -1 <= ox, oy <= 1, from the box's centre and a heading in the box,
@@ -157,91 +157,131 @@ def linear_bounds(
     px, py, hx, hy : float
         Centre and half sizes of the box, optimal distances.
     vertices : array, shape (3, 2)
-        Corners of a triangle that holds all (cos psi, sin psi) of the box.
+        Corners of a triangle that holds all (cos psi, sin psi) of the box; only the oriented model looks at them.
     out : array, shape (9, n)
         Is overwritten with a, b, c at the centre and their changes per ox and per oy.
+    """
+    # a loop for each model: in one loop with branches no sum runs in vector registers
+    if kind == ANISOTROPIC:
+        _anisotropic_bounds(columns, px, py, hx, hy, out)
+    elif kind == ISOTROPIC:
+        _isotropic_bounds(columns, px, py, hx, hy, out)
+    else:
+        _oriented_bounds(columns, px, py, hx, hy, vertices, out)
 
-    Returns
-    -------
-    float
-        Sum of the weighted remainders: how much of the bound is due to the size of the box.
+
+@fast_kernel
+def _ahead(qx: float, qy: float, hx: float, hy: float) -> tuple[float, float, float, float, float, float]:
+    """Bound v . d over a box, where it is positive, by (u + ox x + oy y) . d + rest: (u_x, u_y, k, k_xx, k_yy, rest).
+
+    The changes are x = hx (k_xx, k) and y = hy (k, k_yy).
     """
     h2 = hx * hx + hy * hy
+    dx = max(0.0, abs(qx) - hx)
+    dy = max(0.0, abs(qy) - hy)
+    inverse = 1.0 / math.sqrt(max(dx * dx + dy * dy, 1e-300))
+    r2 = qx * qx + qy * qy
+    far = r2 > 1.0
+    i = 1.0 / max(r2, 1.0)
+    # no visibility in the box exceeds this
+    top = min(1.0, inverse)
+    # far: as complex numbers v = 1 / conj(q), and 1 / (w + z) = 1 / w - z / w^2 + z^2 / (w^2 (w + z)) exactly;
+    # near: v . d <= q . d wherever q . d >= 0, which is linear as it stands
+    remainder = h2 * inverse * i if far else 0.0
+    useful = remainder < top if far else h2 < 1.0
+    k2 = 2.0 * i * i if far and useful else 0.0
+    i = i if useful else 0.0
+    rest = remainder if useful else top
+    return qx * i, qy * i, k2 * qx * qy, k2 * qx * qx - i, k2 * qy * qy - i, rest
+
+
+@fast_kernel
+def _anisotropic_bounds(
+    columns: NDArray[np.float64], px: float, py: float, hx: float, hy: float, out: NDArray[np.float64]
+) -> None:
+    for k in range(columns.shape[1]):
+        ux, uy, xy, xx, yy, rest = _ahead(columns[0, k] - px, columns[1, k] - py, hx, hy)
+        w = columns[4, k]
+        out[0, k] = w * ux
+        out[1, k] = w * uy
+        out[2, k] = w * (rest - columns[5, k])
+        out[3, k] = w * hx * xx
+        out[4, k] = w * hx * xy
+        out[5, k] = 0.0
+        out[6, k] = w * hy * xy
+        out[7, k] = w * hy * yy
+        out[8, k] = 0.0
+
+
+@fast_kernel
+def _reach(ux: float, uy: float, xx: float, xy: float, yx: float, yy: float, tx: float, ty: float) -> float:
+    """Largest value over the box of a function that is linear in the offset, for one heading."""
+    return ux * tx + uy * ty + abs(xx * tx + xy * ty) + abs(yx * tx + yy * ty)
+
+
+@fast_kernel
+def _oriented_bounds(
+    columns: NDArray[np.float64],
+    px: float,
+    py: float,
+    hx: float,
+    hy: float,
+    vertices: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    ax, ay = vertices[0, 0], vertices[0, 1]
+    bx, by = vertices[1, 0], vertices[1, 1]
+    tx, ty = vertices[2, 0], vertices[2, 1]
+    for k in range(columns.shape[1]):
+        ux, uy, bend, xx, yy, rest = _ahead(columns[0, k] - px, columns[1, k] - py, hx, hy)
+        xx *= hx
+        xy = hx * bend
+        yx = hy * bend
+        yy *= hy
+        mx = -columns[2, k]
+        my = -columns[3, k]
+        ahead = _reach(ux, uy, xx, xy, yx, yy, ax, ay)
+        ahead = max(ahead, _reach(ux, uy, xx, xy, yx, yy, bx, by))
+        ahead = max(ahead, _reach(ux, uy, xx, xy, yx, yy, tx, ty))
+        facing = max(max(mx * ax + my * ay, mx * bx + my * by), mx * tx + my * ty)
+        # outside v . d > 0 and m . d > 0 the product of the two may be positive, the visibility is not
+        w = 0.5 * columns[4, k] if ahead + rest > 0.0 and facing > 0.0 else 0.0
+        out[0, k] = w * (ux * mx - uy * my)
+        out[1, k] = w * (ux * my + uy * mx)
+        out[2, k] = w * (ux * mx + uy * my + 2.0 * (rest - columns[5, k]))
+        out[3, k] = w * (xx * mx - xy * my)
+        out[4, k] = w * (xx * my + xy * mx)
+        out[5, k] = w * (xx * mx + xy * my)
+        out[6, k] = w * (yx * mx - yy * my)
+        out[7, k] = w * (yx * my + yy * mx)
+        out[8, k] = w * (yx * mx + yy * my)
+
+
+@fast_kernel
+def _isotropic_bounds(
+    columns: NDArray[np.float64], px: float, py: float, hx: float, hy: float, out: NDArray[np.float64]
+) -> None:
+    h2 = hx * hx + hy * hy
     h = math.sqrt(h2)
-    close = (2.0 - h) * (2.0 - h) if h < 2.0 else -1.0
-    slack = 0.0
     for k in range(columns.shape[1]):
         qx = columns[0, k] - px
         qy = columns[1, k] - py
-        dx = max(0.0, abs(qx) - hx)
-        dy = max(0.0, abs(qy) - hy)
-        inverse = 1.0 / math.sqrt(max(dx * dx + dy * dy, 1e-300))
+        gap_x = max(0.0, abs(qx) - hx)
+        gap_y = max(0.0, abs(qy) - hy)
+        inverse = 1.0 / math.sqrt(max(gap_x * gap_x + gap_y * gap_y, 1e-300))
         r2 = qx * qx + qy * qy
+        r = math.sqrt(r2)
         far = r2 > 1.0
-        # no visibility in the box exceeds this
-        top = min(1.0, inverse)
-        # far: v = q / |q|^2 at the centre, its derivative, and half its largest second derivative, 2 / r^3, times h^2;
-        # near: v . d <= q . d wherever q . d >= 0, which is linear as it stands
-        remainder = h2 * inverse * inverse * inverse if far else 0.0
-        useful = remainder < top if far else r2 < close
-        i = 1.0 / max(r2, 1.0)
+        # far: 1 / |q| bends by at most 2 / r^3, so half of that times h^2; near: |q| bends by at most 1 / r
+        curve = h2 * inverse * (inverse * inverse if far else 0.5)
+        # nearer than the optimal distance it is at most |q|, which vanishes at the landmark
+        top = min(min(1.0, inverse), r + h)
+        useful = curve < top
+        scale = (-1.0 / (r2 * r) if far else 1.0 / max(r, 1e-300)) if useful else 0.0
+        rest = curve if useful else top
         w = columns[4, k]
-        if kind == ISOTROPIC:
-            # near: |q| is convex, so its tangent plus the second-order remainder; the tangent's length is 1
-            r = math.sqrt(r2)
-            curve = 0.5 * h2 * inverse
-            curve = remainder if far else curve
-            # nearer than the optimal distance it is at most |q|, which vanishes at the landmark
-            top = min(top, r + h)
-            useful = curve < top
-            scale = (-i / r if far else 1.0 / max(r, 1e-300)) if useful else 0.0
-            rest = curve if useful else top
-            out[0, k] = out[1, k] = 0.0
-            out[2, k] = w * ((r * i if useful else 0.0) + rest - columns[5, k])
-            out[3, k] = out[4, k] = out[6, k] = out[7, k] = 0.0
-            out[5, k] = -w * hx * scale * qx
-            out[8, k] = -w * hy * scale * qy
-            slack += w * rest
-            continue
-        k2 = 2.0 * i * i if far and useful else 0.0
-        i = i if useful else 0.0
-        rest = remainder if useful else top
-        ux = qx * i
-        uy = qy * i
-        xx = hx * (k2 * qx * qx - i)
-        xy = hx * k2 * qx * qy
-        yx = hy * k2 * qx * qy
-        yy = hy * (k2 * qy * qy - i)
-        if kind == ANISOTROPIC:
-            out[0, k] = w * ux
-            out[1, k] = w * uy
-            out[2, k] = w * (rest - columns[5, k])
-            out[3, k] = w * xx
-            out[4, k] = w * xy
-            out[6, k] = w * yx
-            out[7, k] = w * yy
-            out[5, k] = out[8, k] = 0.0
-        else:
-            mx = -columns[2, k]
-            my = -columns[3, k]
-            ahead = facing = -1.0
-            for j in range(3):
-                tx = vertices[j, 0]
-                ty = vertices[j, 1]
-                reach = ux * tx + uy * ty + abs(xx * tx + xy * ty) + abs(yx * tx + yy * ty) + rest
-                ahead = max(ahead, reach)
-                facing = max(facing, mx * tx + my * ty)
-            # outside v . d > 0 and m . d > 0 the product of the two may be positive, the visibility is not
-            w = 0.5 * w if ahead > 0.0 and facing > 0.0 else 0.0
-            out[0, k] = w * (ux * mx - uy * my)
-            out[1, k] = w * (ux * my + uy * mx)
-            out[2, k] = w * (ux * mx + uy * my + 2.0 * (rest - columns[5, k]))
-            out[3, k] = w * (xx * mx - xy * my)
-            out[4, k] = w * (xx * my + xy * mx)
-            out[5, k] = w * (xx * mx + xy * my)
-            out[6, k] = w * (yx * mx - yy * my)
-            out[7, k] = w * (yx * my + yy * mx)
-            out[8, k] = w * (yx * mx + yy * my)
-            w *= 2.0
-        slack += w * rest
-    return slack
+        for row in range(9):
+            out[row, k] = 0.0
+        out[2, k] = w * ((1.0 / r if far else r) * (1.0 if useful else 0.0) + rest - columns[5, k])
+        out[5, k] = -w * hx * scale * qx
+        out[8, k] = -w * hy * scale * qy

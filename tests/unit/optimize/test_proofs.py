@@ -139,17 +139,18 @@ def test_the_interpreted_solver_is_sound(monkeypatch: pytest.MonkeyPatch) -> Non
 
 BOX_MUTANTS = {
     "no remainder": ("rest = remainder if useful else top", "rest = 0.0 if useful else top"),
-    "half the remainder": ("h2 * inverse * inverse * inverse if far", "0.5 * h2 * inverse * inverse * inverse if far"),
-    "remainder from the centre": ("h2 * inverse * inverse * inverse if far", "0.8 * h2 * r2 ** -1.5 if far"),
+    "half the remainder": ("remainder = h2 * inverse * i if far", "remainder = 0.5 * h2 * inverse * i if far"),
+    "remainder from the centre": ("h2 * inverse * i if far", "0.8 * h2 * r2 ** -1.5 if far"),
     "nearest point ignores the box": ("dx = max(0.0, abs(qx) - hx)", "dx = abs(qx)"),
-    "no curvature for isotropic": ("curve = 0.5 * h2 * inverse", "curve = 0.0"),
-    "one corner left out": ("return max(max(pp, pm), max(mp, mm))", "return max(max(pp, pm), mp)"),
-    "centre instead of corners": ("return max(max(pp, pm), max(mp, mm))", "return 0.25 * (pp + pm + mp + mm)"),
-    "sector cut short": ("angle = turn * (psi + side * width)", "angle = turn * (psi + 0.5 * side * width)"),
-    "sector without its tip": ("outer = 1.0 / math.cos(turn * width)", "outer = 1.0"),
+    "no curvature for isotropic": ("inverse * inverse if far else 0.5", "inverse * inverse if far else 0.0"),
+    "one corner left out": ("for corner in range(4)", "for corner in range(3)"),
+    "centre instead of corners": ("centre + ex + ey", "centre"),
+    "sector cut short": ("math.sin(psi + width), c)", "math.sin(psi + 0.5 * width), c)"),
+    "chord instead of arc": ("return 0.5 * math.hypot(total / c, change / s)", "return max(first, last)"),
     "thresholds twice": ("out[2, k] = w * (rest - columns[5, k])", "out[2, k] = w * (rest - 2.0 * columns[5, k])"),
-    "wrong sign of the change": ("yy = hy * (k2 * qy * qy - i)", "yy = -hy * (k2 * qy * qy - i)"),
-    "facing forgotten": ("facing = max(facing, mx * tx + my * ty)", "facing = min(1.0, mx * tx + my * ty)"),
+    "thresholds grow on the arc": ("return max(level, c * level)", "return level"),
+    "wrong sign of the change": ("k2 * qy * qy - i, rest", "i - k2 * qy * qy, rest"),
+    "facing forgotten": ("facing = max(max(mx * ax + my * ay, mx * bx + my * by), mx * tx + my * ty)", "facing = -1.0"),
 }
 
 
