@@ -122,7 +122,7 @@ def test_a_followers_lag_is_what_its_gains_say(rate: float) -> None:
     vehicle = load_vehicle("iris")
     flight = fly_ideal(trajectory, [1.0, 0.0, 1.5, *REST[3:]], vehicle, duration=25.0)
     lag = np.linalg.norm(flight.state[-1, :3] - flight.reference[-1, :3])
-    assert lag == pytest.approx(predicted_lag(vehicle.gains, 1.0, rate, lean=0.0), rel=0.02)
+    assert lag == pytest.approx(predicted_lag(vehicle.gains, 1.0, rate), rel=0.02)
 
 
 def test_a_flight_that_goes_wrong_does_not_agree() -> None:

@@ -17,6 +17,7 @@ from covey.flight.navigation_options import NavigationOptions
 from covey.flight.obstacles import Obstacle, Sphere, pack, place_sphere
 from covey.flight.parameters import VehicleParameters
 from covey.flight.route import Router
+from covey.flight.separation import sort_into_cells
 
 FORGET = 0.3
 """Seconds after which an obstacle that is not moved any more counts as standing still."""
@@ -164,11 +165,12 @@ class Navigator:
         """What has become of a vehicle's goal."""
         mode = self._team.modes[i]
         if mode == motion.FLYING:
-            off = max(
-                self._team.progress[i, motion.LEFT],
-                np.linalg.norm(self._references[i, :3] - self._team.goals[i, :3]),
-            )
-            return Status.ARRIVED_REFERENCE if off < self.options[i].arrival else Status.FLYING
+            own, progress = self.options[i], self._team.progress[i]
+            off = np.linalg.norm(self._references[i, :3] - self._team.goals[i, :3])
+            # once there, being pushed a little does not count
+            near = motion.NEAR if progress[motion.BEST] < own.arrival else 1.0
+            arrived = max(off, progress[motion.LEFT]) < near * own.arrival
+            return Status.ARRIVED_REFERENCE if arrived else Status.FLYING
         return Status.BLOCKED if mode == motion.BLOCKED else Status.INACTIVE
 
     def stalled(self, i: int) -> bool:
@@ -219,19 +221,24 @@ class Navigator:
             Columns as in `covey.flight.layout`.  An inactive vehicle's is where it is measured, at rest.
         """
         self._observe(positions_W, velocities_W, dt)
-        stalled = motion.advance_all(
-            self._positions,
-            self._velocities,
-            self._team,
-            self._scene,
-            self._room,
-            float(self._reach),
-            float(dt),
-            self._references,
-        )
+        stalled = self._advance(0, len(self), dt)
         if stalled:
             for i in range(len(self)):
                 self._check_progress(i)
+        return self._references.copy()
+
+    def step_one(
+        self, i: int, positions_W: NDArray[np.float64], velocities_W: NDArray[np.float64], dt: float
+    ) -> NDArray[np.float64]:
+        """Move the reference of vehicle i alone, as if each vehicle computed its own; shapes as in `step`.
+
+        Returns
+        -------
+        array, shape (REFERENCE,)
+        """
+        self._observe(positions_W, velocities_W, dt)
+        self._advance(i, i + 1, dt)
+        self._check_progress(i)
         return self._references.copy()
 
     def step_one(
@@ -249,6 +256,14 @@ class Navigator:
         motion.advance_one(i, everyone, len(self), *arrays, float(dt), self._references)
         self._check_progress(i)
         return self._references[i].copy()
+
+    def _advance(self, first: int, last: int, dt: float) -> int:
+        room = self._room
+        columns, lines = sort_into_cells(self._positions, float(self._reach), room.frame, room.starts, room.order)
+        measured = self._positions, self._velocities
+        return motion.advance(
+            first, last, columns, lines, *measured, self._team, self._scene, room, float(dt), self._references
+        )
 
     def _observe(self, positions_W: NDArray[np.float64], velocities_W: NDArray[np.float64], dt: float) -> None:
         for name, target, values in (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from covey.compiled import kernel
 from covey.flight.obstacles import box_distance, nearest
 from covey.flight.potential_field import add_repulsion, repulsion
-from covey.flight.separation import cap_velocity, scaled_distance, sort_into_cells, speed_cap
+from covey.flight.separation import cap_velocity, scaled_distance, speed_cap
 
 # columns of an options row
 K_WP, K_V, K_REP, THRESHOLD, MAX_SPEED, MAX_ACCELERATION, BRAKE, FILTER, REACTION = range(9)
@@ -33,6 +33,9 @@ ADVANCE = 0.05
 """Metres by which the path left has to shrink to count as progress, or a tenth of it where that is less."""
 
 INACTIVE, FLYING, BLOCKED = range(3)
+
+NEAR = 5.0
+"""Vehicles within this many times the distance of arrival do not stall: something may hold them off a little."""
 
 CORNERS = 48
 """Corners of a route at most, its goal included."""
@@ -142,10 +145,11 @@ def _add_cap(
 
 
 @kernel
-def advance_one(
-    i: int,
-    near: NDArray[np.int64],
-    count: int,
+def advance(
+    first: int,
+    last: int,
+    columns: int,
+    lines: int,
     positions: NDArray[np.float64],
     velocities: NDArray[np.float64],
     team: Team,
@@ -153,224 +157,221 @@ def advance_one(
     room: Room,
     dt: float,
     out: NDArray[np.float64],
-) -> None:
-    """Move the reference of vehicle i by one control period.
+) -> int:
+    """Move the references of vehicles first to last - 1 by one control period; return how many of them have stalled.
 
     Parameters
     ----------
-    near, count : array of int, shape (>= count,)
-        The vehicles that may be within reach; i itself is skipped.
+    columns, lines : int
+        Cells that `sort_into_cells` has sorted the positions into, in frame, starts and order of `room`.
     positions, velocities : arrays, shape (n, 3)
-        As measured, frame W, m and m/s.
+        As measured, frame W, m and m/s.  Of others a vehicle sees nothing else, so their order does not matter.
     team : Team
-        What it holds of vehicle i is updated.
+        What it holds of these vehicles is updated.
     scene : Scene
     room : Room
     dt : float
         Control period, s.
     out : array, shape (n, REFERENCE)
-        Row i is overwritten with the reference.
+        Their rows are overwritten with references.
 
     Notes
     -----
     Source: Sposato (2016), eq. (3.1), (3.2).  Deviation: P2, P3, P4, P5.
+
+    One function on purpose: the loop in one of its own would double the time to compile.
     """
     modes, options, progress = team.modes, team.options, team.progress
     routes, cursors, goals = team.routes, team.cursors, team.goals
     rows, edges, drift = scene.rows, scene.edges, scene.drift
-    ways, caps, work = room.ways, room.caps, room.work
+    ways, caps, work, near = room.ways, room.caps, room.work, room.near
     virtual = team.virtual
-    o = options[i]
-    s = virtual[i]
-    measured = positions[i]
-    if modes[i] == INACTIVE:
-        for c in range(3):
-            s[c] = measured[c]
-            s[3 + c] = 0.0
-            s[6 + c] = 0.0
-            out[i, c] = measured[c]
-            out[i, 3 + c] = 0.0
-            out[i, 6 + c] = 0.0
-            out[i, 9 + c] = 0.0
-        s[10] = 0.0
-        out[i, 12] = s[9]
-        out[i, 13] = 0.0
-        return
-
-    p, u, v, old = work[0], work[1], work[2], work[3]
-    # The reference is kept on a leash: a vehicle that cannot follow is not run away from.
-    lag = o[FILTER]
-    error2 = 0.0
-    for c in range(3):
-        p[c] = s[c] - lag * (s[3 + c] - lag * s[6 + c])
-        error2 += (p[c] - measured[c]) ** 2
-    if error2 > o[RESET] * o[RESET]:
-        pull = 1.0 - o[RESET] / math.sqrt(error2)
-        for c in range(3):
-            s[c] += pull * (measured[c] - p[c])
-    for c in range(3):
-        p[c] = s[c]
-        old[c] = s[3 + c]
-
-    # attraction towards the next corner
-    cursor, end = cursors[i, 0], cursors[i, 1]
-    ax, ay, az, leg = 0.0, 0.0, 0.0, 0.0
-    while True:
-        ax, ay, az = routes[i, cursor, 0] - p[0], routes[i, cursor, 1] - p[1], routes[i, cursor, 2] - p[2]
-        leg = math.sqrt(ax * ax + ay * ay + az * az)
-        if cursor + 1 >= end or leg > o[CORNER]:
-            break
-        cursor += 1
-    cursors[i, 0] = cursor
-    left = leg
-    for k in range(cursor, end - 1):
-        left += math.sqrt(
-            (routes[i, k + 1, 0] - routes[i, k, 0]) ** 2
-            + (routes[i, k + 1, 1] - routes[i, k, 1]) ** 2
-            + (routes[i, k + 1, 2] - routes[i, k, 2]) ** 2
-        )
-    speed = wanted_speed(left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
-    scale = speed / max(leg, 1e-9)
-    u[0] = o[K_V] * (scale * ax - old[0])
-    u[1] = o[K_V] * (scale * ay - old[1])
-    u[2] = o[K_V] * (scale * az - old[2])
-    horizon = min(HORIZON, left / max(speed, 1e-9)) if speed > 1e-3 else HORIZON
-
-    # other vehicles: repulsion from those in the way, a cap on the speed towards all that are near
-    caps_count = 0
-    easing = min(1.0, left / o[SEPARATION])
-    allowance = o[ALLOWANCE] * easing * progress[i, 4]
-    for b in range(count):
-        j = near[b]
-        if j == i:
-            continue
-        parked = modes[j] == INACTIVE
-        ratio = 1.0 if parked else max(o[RATIO], options[j, RATIO])
-        keep = 0.5 * (o[SEPARATION] + options[j, SEPARATION])
-        threshold = o[THRESHOLD] + keep - o[SEPARATION]
-        # Twice: between virtual vehicles, the other's guessed from its measured motion, and between real ones.
-        ahead = 0.0 if parked else options[j, LAG]
-        order = 1.0 if i < j else -1.0
-        for real in range(2):
-            if real:
-                dx, dy, dz = positions[j, 0] - measured[0], positions[j, 1] - measured[1], positions[j, 2] - measured[2]
-            else:
-                dx = positions[j, 0] + ahead * velocities[j, 0] - p[0]
-                dy = positions[j, 1] + ahead * velocities[j, 1] - p[1]
-                dz = positions[j, 2] + ahead * velocities[j, 2] - p[2]
-            d = scaled_distance(dx, dy, dz, ratio)
-            if d >= threshold:
-                continue
-            if real == 0:
-                wx, wy, wz = velocities[j, 0] - scale * ax, velocities[j, 1] - scale * ay, velocities[j, 2] - scale * az
-                miss = _approach(dx, dy, dz, wx, wy, wz, ratio, horizon)
-                gate = min(max((keep - miss) / ((1.0 - GATE) * keep), 0.0), 1.0)
-                if gate > 0.0:
-                    weight = gate * gate * (3.0 - 2.0 * gate)
-                    add_repulsion(dx, dy, dz, order, ratio, o[K_REP], threshold, weight, u)
-            if d < 1e-6:
-                d, dx, dy, dz = 1e-6, -1e-6 * order, 0.0, 0.0
-            mx, my, mz = dx / d, dy / d, dz / (d * ratio * ratio)
-            brake = o[BRAKE] * math.sqrt(mx * mx + my * my + mz * mz)
-            cap = speed_cap(d - keep - allowance, brake, o[REACTION], 1.0 if parked else 2.0)
-            if cap < o[MAX_SPEED]:
-                caps_count = _add_cap(ways, caps, caps_count, mx, my, mz, max(cap, -0.5 * o[MAX_SPEED]))
-
-    # obstacles
-    keep = o[KEEP_OFF]
-    reach = keep + o[RESET] + o[MAX_SPEED] * (o[REACTION] + o[MAX_SPEED] / o[BRAKE])
-    for k in range(rows.shape[0]):
-        if box_distance(rows, k, p[0], p[1], p[2]) > reach:
-            continue
-        d, nx, ny, nz = nearest(rows, edges, k, p[0], p[1], p[2])
-        e, ex, ey, ez = nearest(rows, edges, k, measured[0], measured[1], measured[2])
-        if e < d:
-            d, nx, ny, nz = e, ex, ey, ez
-        inward = -(drift[k, 0] * nx + drift[k, 1] * ny + drift[k, 2] * nz)
-        cap = speed_cap(d - keep, o[BRAKE], o[REACTION], 1.0) + inward
-        if cap < o[MAX_SPEED]:
-            caps_count = _add_cap(ways, caps, caps_count, -nx, -ny, -nz, max(cap, -o[MAX_SPEED]))
-        g = repulsion(d, o[K_REP], OBSTACLE_REACH * keep) * easing
-        u[0] += g * nx
-        u[1] += g * ny
-        u[2] += g * nz
-
-    # the air space; a goal outside it, as in landing, opens it
-    low = min(o[FLOOR], routes[i, end - 1, 2], p[2])
-    high = max(o[CEILING], routes[i, end - 1, 2], p[2])
-    if p[2] - low < reach:
-        caps_count = _add_cap(ways, caps, caps_count, 0.0, 0.0, -1.0, speed_cap(p[2] - low, o[BRAKE], o[REACTION], 1.0))
-    if high - p[2] < reach:
-        caps_count = _add_cap(ways, caps, caps_count, 0.0, 0.0, 1.0, speed_cap(high - p[2], o[BRAKE], o[REACTION], 1.0))
-
-    change = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    gain = dt * min(1.0, o[MAX_ACCELERATION] / max(change, 1e-9))
-    for c in range(3):
-        v[c] = old[c] + gain * u[c]
-    cap_velocity(v, old, ways, caps, caps_count, o[MAX_SPEED], o[MAX_ACCELERATION] * dt)
-
-    # virtual vehicle and low-pass: p = virtual p − lag v, v = virtual v − lag a, exactly
-    fade = math.exp(-dt / lag)
-    for c in range(3):
-        force = (v[c] - old[c]) / dt
-        s[c] += 0.5 * dt * (old[c] + v[c])
-        s[3 + c] = v[c]
-        s[6 + c] = force + (s[6 + c] - force) * fade
-        out[i, 6 + c] = s[6 + c]
-        out[i, 9 + c] = (force - s[6 + c]) / lag
-        out[i, 3 + c] = v[c] - lag * s[6 + c]
-        out[i, c] = s[c] - lag * out[i, 3 + c]
-
-    # yaw: the shorter way, with a limited rate
-    turn = goals[i, 3] - s[9]
-    turn -= 2.0 * math.pi * math.ceil((turn - math.pi) / (2.0 * math.pi))
-    rate = math.copysign(wanted_speed(abs(turn), YAW_GAIN, 1.0, 0.7 * o[YAW_ACCELERATION], o[YAW_RATE]), turn)
-    step = o[YAW_ACCELERATION] * dt
-    rate = min(max(rate, s[10] - step), s[10] + step)
-    s[9] += 0.5 * dt * (s[10] + rate)
-    s[10] = rate
-    s[9] -= 2.0 * math.pi * math.ceil((s[9] - math.pi) / (2.0 * math.pi))
-    out[i, 12] = s[9]
-    out[i, 13] = s[10]
-
-    progress[i, 0] = left
-    if left < o[ARRIVED] or left < progress[i, 1] - min(ADVANCE, 0.1 * progress[i, 1]):
-        progress[i, 1] = left
-        progress[i, 2] = 0.0
-    else:
-        progress[i, 2] += dt
-
-
-@kernel
-def advance_all(
-    positions: NDArray[np.float64],
-    velocities: NDArray[np.float64],
-    team: Team,
-    scene: Scene,
-    room: Room,
-    reach: float,
-    dt: float,
-    out: NDArray[np.float64],
-) -> int:
-    """Move all references by one control period, as `advance_one`; return how many vehicles have stalled.
-
-    `reach` is the distance between measured positions beyond which vehicles do not look at each other.  All see the
-    measured positions only, so that the order of vehicles does not matter.
-    """
-    columns, lines = sort_into_cells(positions, reach, room.frame, room.starts, room.order)
-    x0, y0, size = room.frame[0], room.frame[1], room.frame[2]
     stalled = 0
-    for i in range(positions.shape[0]):
-        column = int((positions[i, 0] - x0) / size)
-        line = int((positions[i, 1] - y0) / size)
+    for i in range(first, last):
+        column = int((positions[i, 0] - room.frame[0]) / room.frame[2])
+        line = int((positions[i, 1] - room.frame[1]) / room.frame[2])
         count = 0
         for other in range(max(column - 1, 0), min(column + 2, columns)):
             begin = room.starts[other * lines + max(line - 1, 0)]
             end = room.starts[other * lines + min(line + 1, lines - 1) + 1]
             for b in range(begin, end):
-                room.near[count] = room.order[b]
+                near[count] = room.order[b]
                 count += 1
-        advance_one(i, room.near, count, positions, velocities, team, scene, room, dt, out)
-        if team.modes[i] == FLYING and team.progress[i, 2] > team.progress[i, 3]:
+
+        o = options[i]
+        s = virtual[i]
+        measured = positions[i]
+        if modes[i] == INACTIVE:
+            for c in range(3):
+                s[c] = measured[c]
+                s[3 + c] = 0.0
+                s[6 + c] = 0.0
+                out[i, c] = measured[c]
+                out[i, 3 + c] = 0.0
+                out[i, 6 + c] = 0.0
+                out[i, 9 + c] = 0.0
+            s[10] = 0.0
+            out[i, 12] = s[9]
+            out[i, 13] = 0.0
+            continue
+
+        p, u, v, old = work[0], work[1], work[2], work[3]
+        # The reference is kept on a leash: a vehicle that cannot follow is not run away from.
+        lag = o[FILTER]
+        error2 = 0.0
+        for c in range(3):
+            p[c] = s[c] - lag * (s[3 + c] - lag * s[6 + c])
+            error2 += (p[c] - measured[c]) ** 2
+        if error2 > o[RESET] * o[RESET]:
+            pull = 1.0 - o[RESET] / math.sqrt(error2)
+            for c in range(3):
+                s[c] += pull * (measured[c] - p[c])
+        for c in range(3):
+            p[c] = s[c]
+            old[c] = s[3 + c]
+
+        # attraction towards the next corner
+        cursor, end = cursors[i, 0], cursors[i, 1]
+        ax, ay, az, leg = 0.0, 0.0, 0.0, 0.0
+        while True:
+            ax, ay, az = routes[i, cursor, 0] - p[0], routes[i, cursor, 1] - p[1], routes[i, cursor, 2] - p[2]
+            leg = math.sqrt(ax * ax + ay * ay + az * az)
+            if cursor + 1 >= end or leg > o[CORNER]:
+                break
+            cursor += 1
+        cursors[i, 0] = cursor
+        left = leg
+        for k in range(cursor, end - 1):
+            left += math.sqrt(
+                (routes[i, k + 1, 0] - routes[i, k, 0]) ** 2
+                + (routes[i, k + 1, 1] - routes[i, k, 1]) ** 2
+                + (routes[i, k + 1, 2] - routes[i, k, 2]) ** 2
+            )
+        speed = wanted_speed(left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
+        scale = speed / max(leg, 1e-9)
+        u[0] = o[K_V] * (scale * ax - old[0])
+        u[1] = o[K_V] * (scale * ay - old[1])
+        u[2] = o[K_V] * (scale * az - old[2])
+        horizon = min(HORIZON, left / max(speed, 1e-9)) if speed > 1e-3 else HORIZON
+
+        # other vehicles: repulsion from those in the way, a cap on the speed towards all that are near
+        caps_count = 0
+        easing = min(1.0, left / o[SEPARATION])
+        allowance = o[ALLOWANCE] * easing * progress[i, 4]
+        for b in range(count):
+            j = near[b]
+            if j == i:
+                continue
+            parked = modes[j] == INACTIVE
+            ratio = 1.0 if parked else max(o[RATIO], options[j, RATIO])
+            keep = 0.5 * (o[SEPARATION] + options[j, SEPARATION])
+            threshold = o[THRESHOLD] + keep - o[SEPARATION]
+            # Twice: between virtual vehicles, the other's guessed from its measured motion, and between real ones.
+            ahead = 0.0 if parked else options[j, LAG]
+            order = 1.0 if i < j else -1.0
+            for real in range(2):
+                if real:
+                    dx, dy, dz = (
+                        positions[j, 0] - measured[0],
+                        positions[j, 1] - measured[1],
+                        positions[j, 2] - measured[2],
+                    )
+                else:
+                    dx = positions[j, 0] + ahead * velocities[j, 0] - p[0]
+                    dy = positions[j, 1] + ahead * velocities[j, 1] - p[1]
+                    dz = positions[j, 2] + ahead * velocities[j, 2] - p[2]
+                d = scaled_distance(dx, dy, dz, ratio)
+                if d >= threshold:
+                    continue
+                if real == 0:
+                    wx, wy, wz = (
+                        velocities[j, 0] - scale * ax,
+                        velocities[j, 1] - scale * ay,
+                        velocities[j, 2] - scale * az,
+                    )
+                    miss = _approach(dx, dy, dz, wx, wy, wz, ratio, horizon)
+                    gate = min(max((keep - miss) / ((1.0 - GATE) * keep), 0.0), 1.0)
+                    if gate > 0.0:
+                        weight = gate * gate * (3.0 - 2.0 * gate)
+                        add_repulsion(dx, dy, dz, order, ratio, o[K_REP], threshold, weight, u)
+                if d < 1e-6:
+                    d, dx, dy, dz = 1e-6, -1e-6 * order, 0.0, 0.0
+                mx, my, mz = dx / d, dy / d, dz / (d * ratio * ratio)
+                brake = o[BRAKE] * math.sqrt(mx * mx + my * my + mz * mz)
+                cap = speed_cap(d - keep - allowance, brake, o[REACTION], 1.0 if parked else 2.0)
+                if cap < o[MAX_SPEED]:
+                    caps_count = _add_cap(ways, caps, caps_count, mx, my, mz, max(cap, -0.5 * o[MAX_SPEED]))
+
+        # obstacles
+        keep = o[KEEP_OFF]
+        reach = keep + o[RESET] + o[MAX_SPEED] * (o[REACTION] + o[MAX_SPEED] / o[BRAKE])
+        for k in range(rows.shape[0]):
+            if box_distance(rows, k, p[0], p[1], p[2]) > reach:
+                continue
+            d, nx, ny, nz = nearest(rows, edges, k, p[0], p[1], p[2])
+            e, ex, ey, ez = nearest(rows, edges, k, measured[0], measured[1], measured[2])
+            if e < d:
+                d, nx, ny, nz = e, ex, ey, ez
+            inward = -(drift[k, 0] * nx + drift[k, 1] * ny + drift[k, 2] * nz)
+            cap = speed_cap(d - keep, o[BRAKE], o[REACTION], 1.0) + inward
+            if cap < o[MAX_SPEED]:
+                caps_count = _add_cap(ways, caps, caps_count, -nx, -ny, -nz, max(cap, -o[MAX_SPEED]))
+            g = repulsion(d, o[K_REP], OBSTACLE_REACH * keep) * easing
+            u[0] += g * nx
+            u[1] += g * ny
+            u[2] += g * nz
+
+        # the air space; a goal outside it, as in landing, opens it
+        low = min(o[FLOOR], routes[i, end - 1, 2], p[2])
+        high = max(o[CEILING], routes[i, end - 1, 2], p[2])
+        if p[2] - low < reach:
+            caps_count = _add_cap(
+                ways, caps, caps_count, 0.0, 0.0, -1.0, speed_cap(p[2] - low, o[BRAKE], o[REACTION], 1.0)
+            )
+        if high - p[2] < reach:
+            caps_count = _add_cap(
+                ways, caps, caps_count, 0.0, 0.0, 1.0, speed_cap(high - p[2], o[BRAKE], o[REACTION], 1.0)
+            )
+
+        change = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        gain = dt * min(1.0, o[MAX_ACCELERATION] / max(change, 1e-9))
+        for c in range(3):
+            v[c] = old[c] + gain * u[c]
+        cap_velocity(v, old, ways, caps, caps_count, o[MAX_SPEED], o[MAX_ACCELERATION] * dt)
+
+        # virtual vehicle and low-pass: p = virtual p − lag v, v = virtual v − lag a, exactly
+        fade = math.exp(-dt / lag)
+        for c in range(3):
+            force = (v[c] - old[c]) / dt
+            s[c] += 0.5 * dt * (old[c] + v[c])
+            s[3 + c] = v[c]
+            s[6 + c] = force + (s[6 + c] - force) * fade
+            out[i, 6 + c] = s[6 + c]
+            out[i, 9 + c] = (force - s[6 + c]) / lag
+            out[i, 3 + c] = v[c] - lag * s[6 + c]
+            out[i, c] = s[c] - lag * out[i, 3 + c]
+
+        # yaw: the shorter way, with a limited rate
+        turn = goals[i, 3] - s[9]
+        turn -= 2.0 * math.pi * math.ceil((turn - math.pi) / (2.0 * math.pi))
+        rate = math.copysign(wanted_speed(abs(turn), YAW_GAIN, 1.0, 0.7 * o[YAW_ACCELERATION], o[YAW_RATE]), turn)
+        step = o[YAW_ACCELERATION] * dt
+        rate = min(max(rate, s[10] - step), s[10] + step)
+        s[9] += 0.5 * dt * (s[10] + rate)
+        s[10] = rate
+        s[9] -= 2.0 * math.pi * math.ceil((s[9] - math.pi) / (2.0 * math.pi))
+        out[i, 12] = s[9]
+        out[i, 13] = s[10]
+
+        # How far it has come; a vehicle that is all but there has not stalled.
+        progress[i, 0] = left
+        if left < o[ARRIVED] or left < progress[i, 1] - min(ADVANCE, 0.1 * progress[i, 1]):
+            progress[i, 1] = left
+            progress[i, 2] = 0.0
+        elif left < NEAR * o[ARRIVED]:
+            progress[i, 2] = 0.0
+        else:
+            progress[i, 2] += dt
+        if modes[i] == FLYING and progress[i, 2] > progress[i, 3]:
             stalled += 1
     return stalled

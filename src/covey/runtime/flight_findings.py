@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.flight.disturbance import RATE
 from covey.flight.layout import GRAVITY, SIG_EP, SIG_EV, SIG_V3, P, V
 from covey.flight.parameters import Gains
 from covey.mission.exercise import Circle, Exercise, Follow, Goal
@@ -142,7 +141,7 @@ def offset_error(run: Run) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(state[:, index, P : P + 3] - place, axis=1))
 
 
-def predicted_lag(gains: Gains, radius: float, rate: float, *, lean: float = RATE) -> float:
+def predicted_lag(gains: Gains, radius: float, rate: float) -> float:
     """Return how far a follower is from its place on a circle if it knows the leader's position only, metres.
 
     Parameters
@@ -151,14 +150,12 @@ def predicted_lag(gains: Gains, radius: float, rate: float, *, lean: float = RAT
         The follower's.
     radius, rate : float
         Of the leader's circle, metres and rad/s.
-    lean : float
-        Rate of the disturbance estimate that the law gets, 1/s²; 0 for the law alone.
 
     Notes
     -----
     Near hover, with the acceleration a = g n in the plane, the law makes
-    ``a' = u' + k_theta (u - a) - beta/gamma g² (v + k1 e)``, u = d − kP e − kD v, u' = −kP v − kD (a − d), e = p − p*,
-    and the estimate makes ``d' = -lean (v + k1 e)``; solved for p and p* that go round at the rate.
+    ``a' = u' + k_theta (u - a) - beta/gamma g² (v + k1 e)``, u = −kP e − kD v, u' = −kP v − kD a, e = p − p*;
+    solved for p and p* that go round at the rate.
 
     Examples
     --------
@@ -169,8 +166,8 @@ def predicted_lag(gains: Gains, radius: float, rate: float, *, lean: float = RAT
     k_p = gains.alpha / gains.beta * (1.0 + gains.k1 * gains.k2)
     k_d = gains.k1 + gains.alpha / gains.beta * gains.k2
     couple, s = gains.beta / gains.gamma * GRAVITY**2, 1j * rate
-    pull = gains.k_theta * k_p + couple * gains.k1 + (k_d + gains.k_theta) * lean * gains.k1 / s
-    rest = s**3 + (k_d + gains.k_theta) * s**2 + (k_p + gains.k_theta * k_d + couple) * s + (k_d + gains.k_theta) * lean
+    pull = gains.k_theta * k_p + couple * gains.k1
+    rest = s**3 + (k_d + gains.k_theta) * s**2 + (k_p + gains.k_theta * k_d + couple) * s
     return radius * abs(rest / (rest + pull))
 
 

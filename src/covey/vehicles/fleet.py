@@ -224,7 +224,9 @@ class Fleet:
         for i, trajectory in enumerate(self._tracks):
             if trajectory is not None:
                 references[i] = trajectory(self.time)
-        airborne = self._powered & (observed[:, P + 2] > ON_GROUND)
+        # the references of a trajectory may not be such as a vehicle can follow, which is no disturbance
+        steered = np.array([track is None for track in self._tracks])
+        airborne = self._powered & steered & (observed[:, P + 2] > ON_GROUND)
         self._disturbance.update(observed, references, airborne, CONTROL_PERIOD)
         leaning = self._disturbance.compensate(references)
         control_all(observed, leaning, self._rows, self._commands, self._signals)

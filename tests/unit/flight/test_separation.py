@@ -151,7 +151,7 @@ def test_derived_options_pass_the_check_and_heed_the_vehicle(name: str) -> None:
         ({"vertical_ratio": 0.5}, "vertical_ratio"),
         ({"ceiling": 0.2}, "ceiling"),
         ({"stall_time": 0.0}, "stall_time"),
-        ({"lag": math.nan}, "lag"),
+        ({"tracking_reset": math.nan}, "tracking_reset"),
     ):
         overrides: dict[str, Any] = change
         with pytest.raises(ArgumentError, match=told):
