@@ -20,6 +20,7 @@ from covey.protocol import (
     Offer,
     Output,
     Proposal,
+    Request,
     Verdict,
 )
 
@@ -73,12 +74,11 @@ class CommitsInTwoSteps(Node):
 
 
 class ForgetsItsAnswers(Node):
-    """A server takes each copy of a request for a new one, and each commit for one it has prepared."""
+    """A server takes each copy of a request for a new one."""
 
-    def receive(self, now: float, message: Message, rng: np.random.Generator) -> list[Output]:
-        if self.lock is Lock.IDLE:
-            self._answers.clear()
-        return super().receive(now, message, rng)
+    def _on_request(self, now: float, request: Request, outputs: list[Output]) -> None:
+        self._answers.pop(request.sender.agent, None)
+        super()._on_request(now, request, outputs)
 
 
 class BusyIsFailure(Node):
