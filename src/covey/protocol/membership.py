@@ -39,6 +39,8 @@ class Hearing(enum.Enum):
     OLD = "old"
     """It comes from a life that is over."""
     KNOWN = "known"
+    MET = "met"
+    """It is the first from its sender."""
     RETURNED = "returned"
     """The sender had been declared dead."""
     REBORN = "reborn"
@@ -98,7 +100,7 @@ class Membership:
     >>> membership = Membership(Sender(0, 1), [1, 2], options)
     >>> membership.start(0.0)
     >>> membership.hear(3.0, Sender(1, 1)).value, membership.silenced(4.5)
-    ('known', [2])
+    ('met', [2])
     >>> membership.status(1).value, membership.status(2).value, membership.hear(6.0, Sender(2, 1)).value
     ('alive', 'dead', 'returned')
     """
@@ -136,7 +138,9 @@ class Membership:
         self.changes += incarnation > life or was is Status.DEAD
         if incarnation > life > 0:
             return Hearing.REBORN
-        return Hearing.RETURNED if was is Status.DEAD else Hearing.KNOWN
+        if was is Status.DEAD:
+            return Hearing.RETURNED
+        return Hearing.KNOWN if life else Hearing.MET
 
     def lost(self, agent: int) -> None:
         """Suspect an agent: the transport has lost its connection."""

@@ -243,7 +243,8 @@ class Node(Trader):
                 self._on_request(now, message, outputs)
             case Nothing() if self._waits_for(message.trade):
                 self.poses.merge(message.sender.agent, message.pose)
-                self._partners.drop(message.sender.agent)
+                if self.epoch == self._asked_in_epoch:
+                    self._partners.drop(message.sender.agent)
                 self._move(Trigger.NOTHING)
                 self._partners.rest(now, now - self._asked_at, rng)
             case Busy() if self._waits_for(message.trade):
@@ -343,19 +344,19 @@ class Node(Trader):
             self._published = None
         if now >= self._map_at:
             self._map_at = now + self._membership.options.map_every
-            self._send_map(rng, outputs)
+            others = [agent for agent in self._membership.living if agent != self.agent]
+            if others:
+                self._send_map(others[int(rng.integers(len(others)))], outputs)
 
-    def _send_map(self, rng: np.random.Generator, outputs: list[Output]) -> None:
-        assert self._membership is not None
-        others = [agent for agent in self._membership.living if agent != self.agent]
-        if others:
-            to = others[int(rng.integers(len(others)))]
-            outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
+    def _send_map(self, to: int, outputs: list[Output]) -> None:
+        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
 
     def _hear(self, now: float, sender: Sender, outputs: list[Output]) -> bool:
         """Note that a message has come; whether to take it in."""
         assert self._membership is not None
         hearing = self._membership.hear(now, sender)
+        if hearing not in (Hearing.OLD, Hearing.KNOWN):
+            self._send_map(sender.agent, outputs)
         if hearing in (Hearing.RETURNED, Hearing.REBORN):
             self._detector.admit(sender.agent)
             self._partners.join(sender.agent)
@@ -398,9 +399,9 @@ class Node(Trader):
         living = membership.living
         without = orphans(own.records, living)
         self._orphaned = len(without) > 0
-        if not self._maps_from >= living.keys() - {self.agent}:
-            without = own.records.known(without)  # others may know the owners of the rest
-        best = adopters(self._planner, own.poses, living, len(own.records)) if len(without) else None
+        if not self._orphaned or not self._maps_from >= living.keys() - {self.agent}:
+            return  # somebody who lives may know another owner
+        best = adopters(self._planner, own.poses, living, len(own.records))
         if best is not None and (best[without] == self.agent).any():
             outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
             self._orphaned = len(orphans(own.records, living)) > 0

@@ -238,11 +238,6 @@ class LandmarkRecords:
         """Return a copy of the records of these landmarks, shape (k,), sorted."""
         return RecordSlice(indices, self.values[indices])
 
-    def known(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return which of these landmarks have a record that is not of generation 0."""
-        known: NDArray[np.int64] = indices[self.values[indices, GENERATION] > 0]
-        return known
-
     def owned_by(self, agent: int, incarnation: int) -> NDArray[np.int64]:
         """Return the sorted landmarks of one life of one agent."""
         mine = (self.values[:, OWNER] == agent) & (self.values[:, INCARNATION] == incarnation)
