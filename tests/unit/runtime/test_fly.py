@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -101,7 +102,7 @@ def test_waypoints_are_reached_before_the_agent_is_heard_of_again(calm: Flight) 
         changes = [moment for moment in calm.moments if moment.time > 0.0]
         legs = [
             (first, second)
-            for first, second in zip(changes[:-1], changes[1:], strict=True)
+            for first, second in itertools.pairwise(changes)
             if first.poses[agent] != second.poses[agent]
         ]
         for first, second in legs:
