@@ -53,7 +53,7 @@ class Holdings:
         self.avoid: tuple[Pose2, ...] = ()
         self.epoch = 0
         self._mine = np.zeros(len(records), dtype=np.bool_)
-        self._derive()
+        self._take_stock()
 
     @property
     def pose_record(self) -> PoseRecord:
@@ -79,21 +79,24 @@ class Holdings:
         self.records.merge(commit.records)
         self.poses.merge(server, commit.server_pose)
         self.poses.merge(commit.sender.agent, commit.client_pose)
-        self._derive()
+        self._take_stock()
 
     def commit_pose(self, pose: Pose2) -> None:
         """Commit a pose for this agent itself."""
         self.poses.merge(self.sender.agent, self.pose_record.next(pose))
-        self._derive()
+        self._renew()
 
     def never_again(self, pose: Pose2) -> None:
         """Remember a pose that could not be reached."""
         self.avoid += (pose,)
-        self._derive()
+        self._renew()
 
-    def _derive(self) -> None:
-        self.epoch += 1
+    def _take_stock(self) -> None:
         self.own: RecordSlice = self.records.slice(self.records.owned_by(*self.sender))
         self._mine[:] = False
         self._mine[self.own.indices] = True
+        self._renew()
+
+    def _renew(self) -> None:
+        self.epoch += 1
         self.state = AgentState(self.sender.agent, self.pose_record.pose, self.own.indices, self.avoid)
