@@ -112,6 +112,13 @@ class Inbox:
         self._guards: dict[int, ReplayGuard] = {}
         self._newest: dict[int, tuple[int, int]] = {}
         self._dropped: Counter[Drop] = Counter()
+        self._count = 0
+
+    @property
+    def arrived(self) -> int:
+        """How much has been stored so far."""
+        with self._arrived:
+            return self._count
 
     @property
     def dropped(self) -> Mapping[Drop, int]:
@@ -132,6 +139,7 @@ class Inbox:
             if room and not self._closed:
                 self._arrivals.append(arrival)
                 self._bytes += len(arrival.data)
+                self._count += 1
                 self._arrived.notify_all()
                 return
             self._dropped[Drop.FULL] += not self._closed

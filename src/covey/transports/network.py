@@ -13,6 +13,12 @@ import zenoh
 
 from covey.errors import ArgumentError, NetworkError
 
+QUEUE = 16
+"""How many batches of up to 64 kB may wait to be sent on a link; the most that Zenoh allows."""
+
+LONGEST_WAIT = 0.05
+"""How long a message may wait for room in a full queue before it is dropped, seconds."""
+
 
 class Mode(enum.Enum):
     """What part a process plays in the network."""
@@ -145,7 +151,10 @@ def build_config(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         "listen/endpoints": options.endpoints,
         "connect/endpoints": options.connect,
         "scouting/multicast/enabled": options.multicast,
+        "open/return_conditions/connect_scouted": False,  # who is there is told by tokens
         "transport/link/tx/lease": round(1000.0 * options.lease),
+        "transport/link/tx/queue/size/data": QUEUE,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": round(1e6 * LONGEST_WAIT),
         "transport/link/rx/max_message_size": max_bytes + 2**16,
         "transport/shared_memory/enabled": False,
     }

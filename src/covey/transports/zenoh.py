@@ -71,7 +71,6 @@ class ZenohTransport:
         self._state = self._session.declare_publisher(
             f"{self._prefix}/state/{agent}",
             congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
             allowed_destination=zenoh.Locality.REMOTE,
         )
         self._log = self._session.declare_publisher(
@@ -90,6 +89,11 @@ class ZenohTransport:
     def agent(self) -> int:
         """Whose access it is."""
         return self.sender.agent
+
+    @property
+    def arrived(self) -> int:
+        """How many messages have arrived so far, those that are dropped later among them."""
+        return self._inbox.arrived
 
     @property
     def dropped(self) -> Mapping[Drop, int]:
@@ -139,7 +143,7 @@ class ZenohTransport:
             self._count("unsent")
 
     def publish(self, heartbeat: Heartbeat) -> None:
-        """Publish the newest state to all others that listen."""
+        """Publish the newest state to all others that listen; under congestion it may be lost, so repeat it."""
         self._put(self._state, heartbeat.sender, heartbeat)
 
     def log(self, event: Event) -> None:
@@ -193,7 +197,6 @@ class ZenohTransport:
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
         )
 
     def _count(self, what: str) -> None:
