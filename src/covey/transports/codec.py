@@ -26,8 +26,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.protocol import (
     Abort,
@@ -46,6 +44,7 @@ from covey.protocol import (
     TradeCommitted,
     WaypointAbandoned,
 )
+from covey.protocol.records import difference
 from covey.transports.layout import (
     AGENT,
     CAUSE,
@@ -137,7 +136,7 @@ def _is_the_clients(content: Request | Commit | Abort) -> bool:
 
 def _offers_its_own(offer: Offer) -> bool:
     own = offer.records.indices
-    return bool(np.isin(offer.give, own).all()) and not np.isin(offer.want, own).any()
+    return not len(difference(offer.give, own)) and len(difference(offer.want, own)) == len(offer.want)
 
 
 _TRADE: Mapping[str, Kind[Any]] = {"trade": TRADE}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.geometry import Pose2
 from covey.protocol import Cause, PoseRecord, Reason, RecordSlice, TradeId
+from covey.protocol.records import OWNER
 
 _T = TypeVar("_T")
 _E = TypeVar("_E", bound=enum.Enum)
@@ -184,8 +185,8 @@ TRADE: Kind[TradeId] = Kind(
 
 
 def _write_numbers(values: NDArray[np.int64]) -> bytes:
-    largest = int(values.max(initial=0))
-    if values.min(initial=0) < 0:
+    largest = int(values.view(np.uint64).max(initial=0))  # a negative number is a huge one here
+    if largest > LARGEST:
         raise ArgumentError(f"message: expected numbers of at least 0, got {values.min()}")
     width = next(index for index, dtype in enumerate(_WIDTHS) if largest < 256**dtype.itemsize)
     return _BYTE.pack(width) + values.astype(_WIDTHS[width]).tobytes()
@@ -197,7 +198,7 @@ def _read_numbers(reader: Reader, size: int) -> NDArray[np.int64]:
         malformed(f"expected a width below {len(_WIDTHS)}, got {width}")
     dtype = _WIDTHS[width]
     values = np.frombuffer(reader.take(size * dtype.itemsize), dtype=dtype)
-    if values.size and values.max() > LARGEST:
+    if dtype.itemsize == 8 and values.max(initial=0) > LARGEST:
         malformed("expected numbers in [0, 2^63)")
     return values.astype(np.int64)
 
@@ -222,10 +223,12 @@ def _write_records(records: RecordSlice) -> bytes:
 
 def _read_records(reader: Reader) -> RecordSlice:
     indices = _read_landmarks(reader)
-    generation, version, owner, incarnation = (_read_numbers(reader, len(indices)) for _ in range(4))
-    if owner.size and owner.max() >= reader.agents:
-        malformed(f"expected owners in [0, {reader.agents}), got {owner.max()}")
-    return RecordSlice(indices, np.column_stack([generation, version, owner, incarnation]))
+    values = np.empty((len(indices), 4), dtype=np.int64)
+    for column in range(4):
+        values[:, column] = _read_numbers(reader, len(indices))
+    if values[:, OWNER].max(initial=-1) >= reader.agents:
+        malformed(f"expected owners in [0, {reader.agents}), got {values[:, OWNER].max()}")
+    return RecordSlice(indices, values)
 
 
 def _write_tally(tally: Mapping[int, int]) -> bytes:
