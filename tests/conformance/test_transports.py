@@ -52,7 +52,7 @@ class ZenohNetwork:
         self.open: list[ZenohTransport] = []
         self.router: Router | None = None
 
-    def __call__(self, agents: Sequence[int]) -> tuple[Sequence[Transport], Callable[[], None]]:
+    def __call__(self, agents: Sequence[int]) -> tuple[Sequence[ZenohTransport], Callable[[], None]]:
         self.close()
         meeting_point = free_endpoint()
         if self.routed:

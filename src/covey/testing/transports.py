@@ -9,10 +9,16 @@ import numpy as np
 
 from covey.geometry import Pose2
 from covey.protocol import Busy, Commit, Heartbeat, Offer, PoseRecord, RecordSlice, Request, Sender, TradeId
-from covey.transports import Transport
+from covey.transports import RealTransport, Transport
 
 Connect = Callable[[Sequence[int]], tuple[Sequence[Transport], Callable[[], None]]]
 """Opens one access for each agent; the second result waits until all that was sent has arrived."""
+
+ConnectReal = Callable[[Sequence[int]], tuple[Sequence[RealTransport], Callable[[], None]]]
+"""The same for transports between processes."""
+
+PATIENCE = 30.0
+"""How long to wait, seconds, for what must happen."""
 
 
 def check_transport(connect: Connect) -> None:
@@ -42,7 +48,7 @@ def check_transport(connect: Connect) -> None:
         check(connect)
 
 
-def check_real_transport(connect: Connect) -> None:
+def check_real_transport(connect: ConnectReal) -> None:
     """Run every check on a transport between processes, which may be used from any thread.
 
     Parameters
@@ -57,6 +63,7 @@ def check_real_transport(connect: Connect) -> None:
     """
     check_transport(connect)
     check_threads(connect)
+    check_waiting(connect)
 
 
 def check_addressing(connect: Connect) -> None:
@@ -187,6 +194,21 @@ def check_threads(connect: Connect) -> None:
     _require(sorted(got) == list(range(100)), "threads: messages lost or doubled")
 
 
+def check_waiting(connect: ConnectReal) -> None:
+    """Waiting ends when something arrives, when the time is over, and when the access is closed."""
+    (a, b), _ = connect([0, 1])
+    _require(not b.wait(0.0), "wait: nothing has arrived yet")
+    a.send(1, _busy(0, 1))
+    _require(b.wait(PATIENCE), "wait: something has arrived")
+    _require(b.wait(PATIENCE), "wait: it is still there")
+    b.receive()
+    _require(not b.wait(0.0), "wait: everything has been handed out")
+    closing = threading.Timer(0.05, b.close)
+    closing.start()
+    _require(not b.wait(PATIENCE), "wait: nothing arrives after closing")
+    closing.join()
+
+
 def check_closing(connect: Connect) -> None:
     """Who has left gets nothing and says nothing, and the others go on."""
     (a, b, c), settle = connect([0, 1, 2])
@@ -224,4 +246,4 @@ def _require(holds: bool, text: str) -> None:
         raise AssertionError(text)
 
 
-__all__ = ["Connect", "check_real_transport", "check_transport"]
+__all__ = ["Connect", "ConnectReal", "check_real_transport", "check_transport"]

@@ -231,23 +231,27 @@ def _read_records(reader: Reader) -> RecordSlice:
     return RecordSlice(indices, values)
 
 
-def _write_tally(tally: Mapping[int, int]) -> bytes:
-    pairs = sorted(tally.items())
-    return _write_count(len(pairs)) + b"".join(_write_count(agent) + _write_count(count) for agent, count in pairs)
+def by_agent(kind: Kind[_T]) -> Kind[Mapping[int, _T]]:
+    """Return the kind of a mapping from agents to values of a kind."""
 
+    def write(values: Mapping[int, _T]) -> bytes:
+        pairs = (_write_count(agent) + kind.write(values[agent]) for agent in sorted(values))
+        return _write_count(len(values)) + b"".join(pairs)
 
-def _read_tally(reader: Reader) -> Mapping[int, int]:
-    tally: dict[int, int] = {}
-    last = -1
-    for _ in range(_read_count(reader)):
-        agent = _read_agent(reader)
-        if agent <= last:
-            malformed(f"expected each agent once and in order, got {agent} after {last}")
-        tally[agent] = _read_count(reader)
-        last = agent
-    return MappingProxyType(tally)
+    def read(reader: Reader) -> Mapping[int, _T]:
+        values: dict[int, _T] = {}
+        last = -1
+        for _ in range(_read_count(reader)):
+            agent = _read_agent(reader)
+            if agent <= last:
+                malformed(f"expected each agent once and in order, got {agent} after {last}")
+            values[agent] = kind.read(reader)
+            last = agent
+        return MappingProxyType(values)
+
+    return Kind(write, read)
 
 
 LANDMARKS: Kind[NDArray[np.int64]] = Kind(_write_landmarks, _read_landmarks)
 RECORDS: Kind[RecordSlice] = Kind(_write_records, _read_records)
-TALLY: Kind[Mapping[int, int]] = Kind(_write_tally, _read_tally)
+TALLY: Kind[Mapping[int, int]] = by_agent(COUNT)
