@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import textwrap
@@ -242,8 +243,8 @@ CHILD = """
     from covey.transports.zenoh import ZenohTransport
 
     codec = Codec(bytes.fromhex(sys.argv[1]), agents=int(sys.argv[2]), landmarks=int(sys.argv[3]))
-    transport = ZenohTransport(Sender(1, 1), codec, NetworkOptions(connect=(sys.argv[4],)))
-    print("ready", flush=True)
+    options = NetworkOptions(connect=(sys.argv[4],), lease=float(sys.argv[5]))
+    transport = ZenohTransport(Sender(1, 1), codec, options)
     while True:
         transport.wait(60.0)
         for message in transport.receive():
@@ -253,25 +254,46 @@ CHILD = """
 """
 
 
+def child(meeting_point: str, *, lease: float = 10.0) -> subprocess.Popen[bytes]:
+    """Agent 1 in a process of its own; it says BUSY to everything, and leaves when it hears ABORT."""
+    arguments = [CODEC.digest.hex(), str(AGENTS), str(LANDMARKS), meeting_point, str(lease)]
+    return subprocess.Popen([sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), *arguments])
+
+
+def require_answer(transport: ZenohTransport, number: int) -> None:
+    """Ask agent 1 and get its answer."""
+    transport.send(1, busy(0, number))
+    assert transport.wait(30.0)
+    assert transport.receive() == [Busy(Sender(1, 1), TradeId(0, 1, number))]
+
+
 def test_it_works_between_processes_and_a_killed_one_becomes_a_suspect() -> None:
     meeting_point = free_endpoint()
-    arguments = [CODEC.digest.hex(), str(AGENTS), str(LANDMARKS), meeting_point]
     with closing(ZenohTransport(Sender(0, 1), CODEC, NetworkOptions(listen=(meeting_point,)))) as a:
-        command = [sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), *arguments]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
-            try:
-                wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there")
-                for number in range(20):
-                    a.send(1, busy(0, number))
-                    assert a.wait(30.0)
-                    assert a.receive() == [Busy(Sender(1, 1), TradeId(0, 1, number))]
-            finally:
-                child.kill()
+        with child(meeting_point) as other:
+            wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there")
+            for number in range(20):
+                require_answer(a, number)
+            other.kill()
         wait_until(lambda: a.suspects == {Sender(1, 1)}, "its token is lost")
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
+        with child(meeting_point) as other:
             wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there again")
             a.send(1, Abort(Sender(0, 1), TradeId(0, 1, 30), Reason.STALE))
-            assert child.wait(30.0) == 0
+            assert other.wait(30.0) == 0
+
+
+def test_a_silent_process_becomes_a_suspect_and_is_back_when_it_speaks() -> None:
+    meeting_point = free_endpoint()
+    options = NetworkOptions(listen=(meeting_point,), lease=1.0)
+    with closing(ZenohTransport(Sender(0, 1), CODEC, options)) as a, child(meeting_point, lease=1.0) as other:
+        wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there")
+        other.send_signal(signal.SIGSTOP)
+        wait_until(lambda: a.suspects == {Sender(1, 1)}, "its lease is over")
+        other.send_signal(signal.SIGCONT)
+        wait_until(lambda: a.peers == {Sender(1, 1)}, "it is back")
+        require_answer(a, 1)
+        assert a.suspects == frozenset()
+        other.kill()
 
 
 def test_what_is_sent_after_closing_goes_nowhere(net: Net) -> None:
