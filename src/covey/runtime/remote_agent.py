@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from covey.errors import ArgumentError
-from covey.mission import Mission
+from covey.mission import Mission, mission_digest
 from covey.protocol import (
     Event,
     GoTo,
@@ -25,6 +25,7 @@ from covey.runtime.agent import TeamPlanner, build_models, nearest_first
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
 from covey.transports import RealTransport
+from covey.transports.codec import Codec
 
 HEARTBEAT_EVERY = 0.5
 """Seconds between two heartbeats when nothing changes: on a network one may be lost."""
@@ -147,6 +148,11 @@ class RemoteAgent:
         self._beat_at = self._clock() + self._heartbeat_every
         self._detector.receive(heartbeat)
         self._transport.publish(heartbeat)
+
+
+def mission_codec(mission: Mission) -> Codec:
+    """Return the codec of a mission, which tells its messages from those of any other."""
+    return Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
 
 
 def join_mission(

@@ -14,13 +14,12 @@ from tests.net import connect_team, free_endpoint
 from tests.unit.runtime.small import small
 
 from covey.errors import ArgumentError
-from covey.mission import Mission, load_mission, mission_digest
+from covey.mission import Mission, load_mission
 from covey.protocol import AgentState, Event, Node, Sender, TradeCommitted
 from covey.runtime.agent import TeamPlanner, build_models
-from covey.runtime.remote_agent import RemoteAgent, join_mission
+from covey.runtime.remote_agent import RemoteAgent, join_mission, mission_codec
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
-from covey.transports.codec import Codec
 from covey.transports.network import NetworkOptions
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
@@ -30,10 +29,6 @@ AGENTS = 2
 @pytest.fixture
 def mission() -> Mission:
     return small(agents={"count": AGENTS})
-
-
-def codec_of(mission: Mission) -> Codec:
-    return Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
 
 
 def planner_of(mission: Mission) -> TeamPlanner:
@@ -57,7 +52,7 @@ def test_two_agents_plan_a_mission(mission: Mission) -> None:
     events: list[Event] = []
     with ExitStack() as stack:
         meeting_point = free_endpoint()
-        transports = connect_team(range(AGENTS), codec_of(mission), meeting_point)
+        transports = connect_team(range(AGENTS), mission_codec(mission), meeting_point)
         for transport in transports:
             stack.callback(transport.close)
         agents = [join_mission(mission, transport.agent, transport, on_event=events.append) for transport in transports]
@@ -87,17 +82,15 @@ def test_two_agents_plan_a_mission(mission: Mission) -> None:
 
 CHILD = """
     import sys
-    from covey.mission import load_mission, mission_digest
+    from covey.mission import load_mission
     from covey.protocol import Sender
-    from covey.runtime.remote_agent import join_mission
-    from covey.transports.codec import Codec
+    from covey.runtime.remote_agent import join_mission, mission_codec
     from covey.transports.network import NetworkOptions
     from covey.transports.zenoh import ZenohTransport
 
     mission = load_mission(sys.argv[1])
     agent, connect = int(sys.argv[2]), sys.argv[3]
-    codec = Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
-    transport = ZenohTransport(Sender(agent, 1), codec, NetworkOptions(connect=(connect,)))
+    transport = ZenohTransport(Sender(agent, 1), mission_codec(mission), NetworkOptions(connect=(connect,)))
     over = join_mission(mission, agent, transport, on_event=transport.log).run(timeout=120.0)
     transport.close()
     sys.exit(not over)
@@ -107,7 +100,7 @@ CHILD = """
 def test_agents_in_processes_of_their_own_plan_the_thesis_mission(root: Path) -> None:
     path = root / "examples" / "thesis-5.1.yaml"
     mission = load_mission(path)
-    codec = codec_of(mission)
+    codec = mission_codec(mission)
     meeting_point = free_endpoint()
     program = [sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), str(path)]
     with ExitStack() as stack:
@@ -132,7 +125,7 @@ def test_agents_in_processes_of_their_own_plan_the_thesis_mission(root: Path) ->
 
 
 def test_the_transport_must_be_the_agents_own(mission: Mission) -> None:
-    with closing(ZenohTransport(Sender(1, 1), codec_of(mission), NetworkOptions())) as transport:
+    with closing(ZenohTransport(Sender(1, 1), mission_codec(mission), NetworkOptions())) as transport:
         agent = join_mission(mission, 1, transport)
         assert not agent.over
         assert not agent.run(timeout=0.0)
