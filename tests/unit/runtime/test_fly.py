@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,14 @@ def test_a_motor_stops(calm: Flight) -> None:
     assert seen == pytest.approx(flight.deployment.score.final)
     assert 0.5 * calm.deployment.score.final < seen < calm.deployment.score.final
     assert any(entry.event == "lost" for entry in flight.deployment.history)
+
+
+def test_whoever_is_lost_the_rest_is_proved(seeds: Callable[[int, int], range]) -> None:
+    """At any time of the flight; also when a trade has just sent the lost one elsewhere."""
+    for seed in seeds(4, 60):
+        names = [agent["name"] for agent in SCENE["agents"]]
+        fault = {"at_s": 6.0 + 3.0 * seed, "motor": {"agent": names[seed % 3], "rotor": seed % 4}}
+        lives_up_to_its_word(fly(scene(faults=[fault]), vehicles="reference", seed=seed))
 
 
 def test_an_obstacle_appears_on_a_waypoint(calm: Flight) -> None:
