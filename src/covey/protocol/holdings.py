@@ -79,6 +79,7 @@ class Holdings:
         self.avoid = avoid
         self.epoch = 0
         self._mine = np.zeros(len(records), dtype=np.bool_)
+        self.own: RecordSlice
         self._take_stock()
 
     @property
@@ -149,7 +150,7 @@ class Holdings:
         self._renew()
 
     def _take_stock(self) -> None:
-        self.own: RecordSlice = self.records.slice(self.records.owned_by(*self.sender))
+        self.own = self.records.slice(self.records.owned_by(*self.sender))
         self._mine[:] = False
         self._mine[self.own.indices] = True
         self._renew()
