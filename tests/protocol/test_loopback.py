@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.protocol.table import pose_at, random_partition, random_planner
 
 from covey.errors import ArgumentError
+from covey.faults.table import pose_at, random_partition, random_planner
 from covey.protocol import (
     Event,
     GoTo,

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.protocol.table import TablePlanner, pose_at
 
 from covey.errors import ArgumentError
+from covey.faults.table import TablePlanner, pose_at
 from covey.geometry import Pose2
 from covey.protocol import (
     Abort,

@@ -149,7 +149,7 @@ class ComparesOnlySums(TerminationDetector):
 class TakesAnyOrder(TerminationDetector):
     def receive(self, heartbeat: Heartbeat) -> bool:
         self._newest[heartbeat.sender.agent] = heartbeat
-        self._active = sum(known is None or not known.quiescent for known in self._newest.values())
+        self._active = {a for a, known in self._newest.items() if known is None or not known.quiescent}
         return self.terminated
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from tests.protocol.table import SIGMA, TablePlanner, pose_at, random_partition, random_planner
 
+from covey.faults.table import SIGMA, TablePlanner, pose_at, random_partition, random_planner
 from covey.protocol import (
     AgentState,
     Event,

@@ -11,6 +11,7 @@ import typer
 
 from covey import __version__
 from covey.cli.certify import certify
+from covey.cli.chaos import chaos
 from covey.cli.fly import fly
 from covey.cli.heatmap import heatmap
 from covey.cli.interrupt import leave_at_once
@@ -30,7 +31,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, certify, validate, schema, reproduce, heatmap):
+for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos):
     app.command()(command)
 
 

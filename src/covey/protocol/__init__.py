@@ -1,12 +1,15 @@
 """Sans-IO trading: agents as state machines that take messages in and give messages out."""
 
-from covey.protocol.holdings import Escrow, Holdings
+from covey.protocol.adoption import adopters, map_digest, orphans
+from covey.protocol.holdings import Escrow, Holdings, Memory
+from covey.protocol.membership import Adopt, Hearing, Membership, MembershipOptions, Status
 from covey.protocol.messages import (
     Abort,
     Ack,
     Busy,
     Commit,
     Heartbeat,
+    Map,
     Message,
     Nothing,
     Offer,
@@ -17,9 +20,12 @@ from covey.protocol.messages import (
 )
 from covey.protocol.node import Node
 from covey.protocol.outputs import (
+    AgentBuried,
+    AgentReturned,
     Cause,
     Event,
     GoTo,
+    LandmarksAdopted,
     OfferDeclined,
     Output,
     PoseOptimized,
@@ -28,7 +34,7 @@ from covey.protocol.outputs import (
     TradeCommitted,
     WaypointAbandoned,
 )
-from covey.protocol.partners import NodeOptions, Order, Partners, random_order
+from covey.protocol.partners import Links, NodeOptions, Order, Partners, random_order, within
 from covey.protocol.planner import AgentState, Planner, Proposal, Verdict, coverage_score, is_better, judge
 from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice
 from covey.protocol.state import TRANSITIONS, Lock, ProtocolError, Transition, Trigger, next_state
@@ -38,6 +44,9 @@ __all__ = [
     "TRANSITIONS",
     "Abort",
     "Ack",
+    "Adopt",
+    "AgentBuried",
+    "AgentReturned",
     "AgentState",
     "Busy",
     "Cause",
@@ -45,10 +54,17 @@ __all__ = [
     "Escrow",
     "Event",
     "GoTo",
+    "Hearing",
     "Heartbeat",
     "Holdings",
     "LandmarkRecords",
+    "LandmarksAdopted",
+    "Links",
     "Lock",
+    "Map",
+    "Membership",
+    "MembershipOptions",
+    "Memory",
     "Message",
     "Node",
     "NodeOptions",
@@ -70,6 +86,7 @@ __all__ = [
     "Request",
     "Send",
     "Sender",
+    "Status",
     "TerminationDetector",
     "TradeCommitted",
     "TradeId",
@@ -77,9 +94,13 @@ __all__ = [
     "Trigger",
     "Verdict",
     "WaypointAbandoned",
+    "adopters",
     "coverage_score",
     "is_better",
     "judge",
+    "map_digest",
     "next_state",
+    "orphans",
     "random_order",
+    "within",
 ]

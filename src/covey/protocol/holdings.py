@@ -29,6 +29,23 @@ class Escrow:
     landmarks: NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a later life of an agent can be started from.
+
+    Parameters
+    ----------
+    records : LandmarkRecords
+    poses : PoseRecords
+    avoid : tuple of Pose2
+        Poses that the agent could not reach.
+    """
+
+    records: LandmarkRecords
+    poses: PoseRecords
+    avoid: tuple[Pose2, ...] = ()
+
+
 class Holdings:
     """The records that one agent knows, and what follows from them for itself.
 
@@ -38,21 +55,31 @@ class Holdings:
         This life of this agent.
     records : LandmarkRecords
         Copied.
-    poses : mapping of agent to Pose2
+    poses : mapping of agent to Pose2, or PoseRecords
+        Copied.
+    avoid : tuple of Pose2
+        Poses that could not be reached.
 
     Notes
     -----
     `epoch` rises with every change of the agent's own pose or landmarks.
     """
 
-    def __init__(self, sender: Sender, records: LandmarkRecords, poses: Mapping[int, Pose2]) -> None:
+    def __init__(
+        self,
+        sender: Sender,
+        records: LandmarkRecords,
+        poses: Mapping[int, Pose2] | PoseRecords,
+        avoid: tuple[Pose2, ...] = (),
+    ) -> None:
         self.sender = sender
         self.records = records.copy()
-        self.poses = PoseRecords.initial(poses)
+        self.poses = poses.copy() if isinstance(poses, PoseRecords) else PoseRecords.initial(poses)
         self.escrow: Escrow | None = None
-        self.avoid: tuple[Pose2, ...] = ()
+        self.avoid = avoid
         self.epoch = 0
         self._mine = np.zeros(len(records), dtype=np.bool_)
+        self.own: RecordSlice
         self._take_stock()
 
     @property
@@ -81,6 +108,37 @@ class Holdings:
         self.poses.merge(commit.sender.agent, commit.client_pose)
         self._take_stock()
 
+    def learn(self, records: RecordSlice, poses: Mapping[int, PoseRecord]) -> bool:
+        """Merge what another knows; return whether the agent's own landmarks changed.
+
+        The agent itself is the authority on its pose: where another knows a newer one, it overrules it.
+        """
+        for agent, record in poses.items():
+            if agent != self.sender.agent:
+                self.poses.merge(agent, record)
+            elif record.key() > self.pose_record.key():
+                self.poses.merge(agent, record.overrule(self.pose_record.pose))
+        if not self.records.merge(records).any():
+            return False
+        before = self.own.indices
+        own = self.records.owned_by(*self.sender)
+        if np.array_equal(before, own):
+            self.own = self.records.slice(own)
+            return False
+        self._take_stock()
+        return True
+
+    def adopt(self, landmarks: NDArray[np.int64]) -> RecordSlice:
+        """Take landmarks over, one generation up; return their new records."""
+        adopted = self.records.slice(landmarks).adopted_by(*self.sender)
+        self.records.merge(adopted)
+        self._take_stock()
+        return adopted
+
+    def overrule_pose(self) -> None:
+        """Commit the same pose again so that no other record of it can win."""
+        self.poses.merge(self.sender.agent, self.pose_record.overrule(self.pose_record.pose))
+
     def commit_pose(self, pose: Pose2) -> None:
         """Commit a pose for this agent itself."""
         self.poses.merge(self.sender.agent, self.pose_record.next(pose))
@@ -92,7 +150,7 @@ class Holdings:
         self._renew()
 
     def _take_stock(self) -> None:
-        self.own: RecordSlice = self.records.slice(self.records.owned_by(*self.sender))
+        self.own = self.records.slice(self.records.owned_by(*self.sender))
         self._mine[:] = False
         self._mine[self.own.indices] = True
         self._renew()

@@ -8,6 +8,7 @@
       COMMIT   ───────────────▶           (or ABORT)
                ◀───────────────  ACK
       HEARTBEAT, to whoever listens
+      MAP, to an agent chosen at random
 
 Every message may come late, twice or never: a receiver that sees one again does nothing new and answers the same.
 Arrays in messages are read-only.
@@ -183,6 +184,8 @@ class Heartbeat:
         How many trades the agent has committed as client, with each server.
     served : mapping of client to int
         How many commits the agent has merged as server, from each client.
+    digest : bytes
+        What `map_digest` says of the agent's map, where the team survives crashes and the agent is quiescent.
     """
 
     sender: Sender
@@ -192,7 +195,25 @@ class Heartbeat:
     pose: PoseRecord
     committed: Mapping[int, int]
     served: Mapping[int, int]
+    digest: bytes = b""
 
 
-Message: TypeAlias = Request | Busy | Nothing | Offer | Commit | Abort | Ack | Heartbeat
+@dataclass(frozen=True, eq=False, slots=True)
+class Map:
+    """MAP: all that an agent knows, for another to merge (anti-entropy).
+
+    Parameters
+    ----------
+    sender : Sender
+    records : RecordSlice
+        The records of all landmarks.
+    poses : mapping of agent to PoseRecord
+    """
+
+    sender: Sender
+    records: RecordSlice
+    poses: Mapping[int, PoseRecord]
+
+
+Message: TypeAlias = Request | Busy | Nothing | Offer | Commit | Abort | Ack | Heartbeat | Map
 """Any message."""

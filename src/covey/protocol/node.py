@@ -1,4 +1,4 @@
-"""One agent's part in the trading: messages and time in, messages and events out."""
+"""One agent's part in the mission: messages and time in, messages and events out."""
 
 from __future__ import annotations
 
@@ -6,43 +6,48 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from covey.errors import ArgumentError
-from covey.geometry import Pose2, wrap_angle
-from covey.protocol.holdings import Escrow, Holdings
+from covey.geometry import Pose2
+from covey.protocol.adoption import adopters, map_digest, orphans
+from covey.protocol.holdings import Memory
+from covey.protocol.membership import Hearing, Status
 from covey.protocol.messages import (
     Abort,
     Ack,
     Busy,
     Commit,
     Heartbeat,
+    Map,
     Message,
     Nothing,
     Offer,
     Reason,
     Request,
     Sender,
-    TradeId,
 )
 from covey.protocol.outputs import (
+    AgentBuried,
+    AgentReturned,
     Cause,
     GoTo,
-    OfferDeclined,
+    LandmarksAdopted,
     Output,
-    PoseOptimized,
     Publish,
     Send,
-    TradeCommitted,
     WaypointAbandoned,
 )
-from covey.protocol.partners import NodeOptions, Order, Partners, random_order
-from covey.protocol.planner import AgentState, Planner, Proposal, Verdict, coverage_score, is_better, judge
-from covey.protocol.records import LandmarkRecords, PoseRecords, RecordSlice, difference
-from covey.protocol.state import Lock, Trigger, next_state
+from covey.protocol.partners import Links, NodeOptions, Order, random_order
+from covey.protocol.planner import Planner
+from covey.protocol.records import LandmarkRecords, PoseRecords
+from covey.protocol.state import Lock, Trigger
+from covey.protocol.termination import TerminationDetector
+from covey.protocol.trader import Trader
+
+_ACTIVE = (False, 0, b"")
+"""What an agent says of itself while it has something to do."""
 
 
-class Node:
+class Node(Trader):
     """An agent of the team: it trades landmarks and decides where to go, with time and randomness from its caller.
 
     Parameters
@@ -52,8 +57,8 @@ class Node:
     team : sequence of int
         All agents, this one among them.
     records : LandmarkRecords
-        Who owns what at the start; copied.
-    poses : mapping of agent to Pose2
+        Who owns what at the start, copied; `LandmarkRecords.unknown` for an agent that has lost its memory.
+    poses : mapping of agent to Pose2, or PoseRecords
         The poses at the start, at least this agent's own.
     planner : Planner
     incarnation : int, keyword-only
@@ -61,17 +66,23 @@ class Node:
     order : Order, keyword-only
         Which partner is asked first; random by default.
     options : NodeOptions, keyword-only
+    links : Links, keyword-only
+        Which committed poses may trade with each other; all by default.  Needs ``options.membership``.
+    avoid : tuple of Pose2, keyword-only
+        Poses that the agent could not reach in an earlier life.
 
     Raises
     ------
     ArgumentError
-        If the agent is not in the team, is there twice, or has no pose.
+        If the agent is not in the team, is there twice, or has no pose, or there are links without membership.
 
     Notes
     -----
     Source: Sposato (2016), Algorithms 2, 4 and 5.  Deviation: V6, V7, V8, V9, V11.  Every method returns a list of
     outputs that the caller must carry out in order: `Send`, `Publish`, `GoTo`, and events for the log.  After each
     call, `next_deadline` tells when `poll` is wanted next.  See `covey.transports.Loopback` for an example.
+
+    With ``options.membership`` the team survives crashes; the transport must then deliver heartbeats to nodes.
     """
 
     def __init__(
@@ -79,94 +90,117 @@ class Node:
         agent: int,
         team: Sequence[int],
         records: LandmarkRecords,
-        poses: Mapping[int, Pose2],
+        poses: Mapping[int, Pose2] | PoseRecords,
         planner: Planner,
         *,
         incarnation: int = 1,
         order: Order = random_order,
         options: NodeOptions | None = None,
+        links: Links | None = None,
+        avoid: tuple[Pose2, ...] = (),
     ) -> None:
-        if list(team).count(agent) != 1:
-            raise ArgumentError(f"team: expected agent {agent} once among the agents, got {list(team)}")
-        if agent not in poses:
-            raise ArgumentError(f"poses: expected the pose of agent {agent}, got those of {sorted(poses)}")
-        self.agent = agent
-        self.sender = Sender(agent, incarnation)
-        self.lock = Lock.IDLE
-        self.at_waypoint = True
-        self._planner = planner
-        self._options = options or NodeOptions()
-        self._holdings = Holdings(self.sender, records, poses)
-        self._partners = Partners(agent, [other for other in team if other != agent], order, self._options)
-        self._waypoint = self.pose
-        self._open = TradeId(agent, incarnation, 0)  # the newest trade opened as client
-        self._asked_at = 0.0
-        self._asked_in_epoch = 0
-        self._pending: Send | None = None  # sent again until it is answered
-        self._resend_at = 0.0
-        self._give_up_at = 0.0
-        self._answers: dict[int, tuple[TradeId, Busy | Nothing | Offer | Ack | None]] = {}  # the newest, by client
-        self._committed: dict[int, int] = {}
-        self._served: dict[int, int] = {}
+        super().__init__(
+            agent,
+            team,
+            records,
+            poses,
+            planner,
+            incarnation=incarnation,
+            order=order,
+            options=options,
+            links=links,
+            avoid=avoid,
+        )
         self._sequence = 0
-        self._published: tuple[bool, int] | None = None
+        self._published: tuple[bool, int, bytes] | None = None
+        self._detector = TerminationDetector(team)
+        self._beat_at = 0.0
+        self._map_at = 0.0
+        self._maps_from: set[int] = set()  # whose map has arrived in this life
+        self._orphaned = False
+        self._adopted_at: tuple[int, ...] = ()
+        self._digested_at: tuple[int, ...] = ()
+        self._digest_then = b""
 
-    # What others may look at.
+    @classmethod
+    def restart(
+        cls,
+        agent: int,
+        team: Sequence[int],
+        memory: Memory,
+        planner: Planner,
+        *,
+        incarnation: int,
+        order: Order = random_order,
+        options: NodeOptions | None = None,
+        links: Links | None = None,
+    ) -> Node:
+        """Build the node of an agent that has crashed, from what it remembers.
 
-    @property
-    def pose(self) -> Pose2:
-        """The committed pose: what trades are judged at, whether or not the vehicle is there yet."""
-        return self._holdings.pose_record.pose
+        The memory may be of any age.  What the earlier life owned is adopted like that of the dead, by whoever sees
+        it best; `start` sends the vehicle to the remembered pose.
 
-    @property
-    def landmarks(self) -> NDArray[np.int64]:
-        """Sorted landmarks that the agent watches, those in escrow among them, shape (k,)."""
-        return self._holdings.own.indices
+        Parameters
+        ----------
+        incarnation : int, keyword-only
+            Above that of every earlier life.
 
-    @property
-    def records(self) -> LandmarkRecords:
-        """The agent's map: the newest record it knows of each landmark."""
-        return self._holdings.records
+        Raises
+        ------
+        ArgumentError
+            As for a new node.
+        """
+        node = cls(
+            agent,
+            team,
+            memory.records,
+            memory.poses,
+            planner,
+            incarnation=incarnation,
+            order=order,
+            options=options,
+            links=links,
+            avoid=memory.avoid,
+        )
+        node._waypoint = None
+        return node
 
-    @property
-    def poses(self) -> PoseRecords:
-        """The newest committed pose it knows of each agent."""
-        return self._holdings.poses
-
-    @property
-    def escrow(self) -> Escrow | None:
-        """What the agent holds in escrow as a prepared server."""
-        return self._holdings.escrow
-
-    @property
-    def avoid(self) -> tuple[Pose2, ...]:
-        """Poses that the agent could not reach."""
-        return self._holdings.avoid
-
-    @property
-    def partners(self) -> frozenset[int]:
-        """The set Q: whom the agent still has to ask."""
-        return frozenset(self._partners.waiting)
-
-    @property
-    def epoch(self) -> int:
-        """How often the agent's own pose or landmarks have changed."""
-        return self._holdings.epoch
+    def memory(self) -> Memory:
+        """Return what a later life can be started from; one of any age will do."""
+        own = self._holdings
+        return Memory(own.records.copy(), own.poses.copy(), own.avoid)
 
     @property
     def quiescent(self) -> bool:
-        """Whether the agent has nothing left to do by itself: IDLE, at its waypoint, Q empty."""
-        return self.lock is Lock.IDLE and self.at_waypoint and not self._partners.waiting
+        """Whether the agent has nothing left to do by itself.
 
-    def claims(self) -> NDArray[np.int64]:
-        """Return the sorted landmarks that the agent claims: owned and not in escrow."""
-        return self._holdings.claims()
+        It is IDLE, at its waypoint, nobody is in Q that is in reach, and every landmark of its map has an owner that
+        lives.
+        """
+        return super().quiescent and not self._orphaned
+
+    @property
+    def over(self) -> bool:
+        """Whether the mission is over, as far as this agent knows: all that live are quiescent and have the same map.
+
+        It may begin again, when somebody dies or returns.  Without ``options.membership`` the agent cannot know.
+        """
+        return self._membership is not None and self._detector.terminated
+
+    def status(self, agent: int) -> Status:
+        """Return what this agent thinks of another; without ``options.membership`` nobody dies."""
+        return Status.ALIVE if self._membership is None else self._membership.status(agent)
 
     def next_deadline(self) -> float | None:
         """Return when `poll` is wanted, seconds; it may have passed already.  None: not before something comes in."""
         if self.lock is not Lock.IDLE:
-            return self._resend_at
-        return self._partners.ask_at if self.at_waypoint and self._partners.waiting else None
+            deadline: float | None = self._resend_at
+        else:
+            deadline = self._partners.ask_at if self.at_waypoint and self._willing() else None
+        if self._membership is None:
+            return deadline
+        tick = min(self._beat_at, self._map_at)
+        return tick if deadline is None else min(deadline, tick)
 
     # What happens to the agent.
 
@@ -176,13 +210,19 @@ class Node:
         self._partners.refill()
         self._partners.rest(now, 0.0, rng)
         self._improve(outputs)
+        if self._membership is not None:
+            self._membership.start(now)
+            self._beat_at = now + self._membership.options.heartbeat_every
+            self._map_at = now + rng.random() * self._membership.options.map_every
         return self._finish(outputs)
 
     def poll(self, now: float, rng: np.random.Generator) -> list[Output]:
-        """Do what is due: ask the next partner in Q, or send again what got no answer."""
+        """Do what is due: ask the next partner in Q, send again what got no answer, or tell the others of itself."""
         outputs: list[Output] = []
+        if self._membership is not None:
+            self._tend(now, rng, outputs)
         if self.lock is Lock.IDLE:
-            if self.at_waypoint and self._partners.waiting and now >= self._partners.ask_at:
+            if self.at_waypoint and now >= self._partners.ask_at and self._willing():
                 self._ask(now, rng, outputs)
         elif now >= self._resend_at and self._pending is not None:
             if self.lock is Lock.CLIENT_WAIT and now >= self._give_up_at:
@@ -196,12 +236,15 @@ class Node:
     def receive(self, now: float, message: Message, rng: np.random.Generator) -> list[Output]:
         """Take a message in; one that was seen before changes nothing and gets the same answer."""
         outputs: list[Output] = []
+        if self._membership is not None and not self._hear(now, message.sender, outputs):
+            return self._finish(outputs)
         match message:
             case Request():
                 self._on_request(now, message, outputs)
             case Nothing() if self._waits_for(message.trade):
                 self.poses.merge(message.sender.agent, message.pose)
-                self._partners.drop(message.sender.agent)
+                if self.epoch == self._asked_in_epoch:
+                    self._partners.drop(message.sender.agent)
                 self._move(Trigger.NOTHING)
                 self._partners.rest(now, now - self._asked_at, rng)
             case Busy() if self._waits_for(message.trade):
@@ -211,14 +254,14 @@ class Node:
                 self._on_offer(now, message, rng, outputs)
             case Commit():
                 self._on_commit(now, message, rng, outputs)
-            case Ack() if self.lock is Lock.CLIENT_DONE and message.trade == self._open:
-                self._move(Trigger.ACK)
-                self._partners.rest(now, now - self._asked_at, rng)
-                self._improve(outputs)
+            case Ack():
+                self._on_ack(now, message, rng, outputs)
             case Abort():
                 self._on_abort(message)
             case Heartbeat() if message.sender.agent != self.agent:
-                self.poses.merge(message.sender.agent, message.pose)
+                self._on_heartbeat(message)
+            case Map():
+                self._on_map(message)
             case _:
                 pass  # a late answer to a trade that is over
         return self._finish(outputs)
@@ -263,6 +306,18 @@ class Node:
             self._adopt(pose, Cause.PROOF, outputs)
         return self._finish(outputs)
 
+    def suspect(self, agent: int) -> None:
+        """Report that the transport has lost the connection to another; it is not asked until it is heard again."""
+        if self._membership is not None:
+            self._membership.lost(agent)
+
+    def bury(self, now: float, agent: int) -> list[Output]:
+        """Report that another is known to be dead, before its silence tells."""
+        outputs: list[Output] = []
+        if self._membership is not None and self._membership.bury(agent):
+            self._on_death(agent, outputs)
+        return self._finish(outputs)
+
     def heartbeat(self) -> Heartbeat:
         """Return a new heartbeat that tells how the agent is now."""
         self._sequence += 1
@@ -274,220 +329,119 @@ class Node:
             self._holdings.pose_record,
             MappingProxyType(dict(self._committed)),
             MappingProxyType(dict(self._served)),
+            self._digest() if self.quiescent else b"",
         )
 
-    # Client.
+    # Others live and die.
 
-    def _ask(self, now: float, rng: np.random.Generator, outputs: list[Output]) -> None:
-        server = self._partners.next(self.poses, rng)
-        own = self._holdings
-        self._open = TradeId(*self.sender, self._open.number + 1)
-        self._asked_at = now
-        self._asked_in_epoch = own.epoch
-        self._give_up_at = now + self._partners.patience()
-        self._move(Trigger.ASK)
-        request = Request(self.sender, self._open, own.pose_record, own.own, own.avoid)
-        self._send_until_answered(now, Send(server, request), outputs)
+    def _tend(self, now: float, rng: np.random.Generator, outputs: list[Output]) -> None:
+        """Do what is due with or without trades: look who is silent, and tell the others of itself."""
+        assert self._membership is not None
+        if now >= self._beat_at:
+            self._beat_at = now + self._membership.options.heartbeat_every
+            for agent in self._membership.silenced(now):
+                self._on_death(agent, outputs)
+            self._published = None
+        if now >= self._map_at:
+            self._map_at = now + self._membership.options.map_every
+            others = [agent for agent in self._membership.living if agent != self.agent]
+            if others:
+                self._send_map(others[int(rng.integers(len(others)))], outputs)
 
-    def _waits_for(self, trade: TradeId) -> bool:
-        return self.lock is Lock.CLIENT_WAIT and trade == self._open
+    def _send_map(self, to: int, outputs: list[Output]) -> None:
+        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
 
-    def _on_offer(self, now: float, offer: Offer, rng: np.random.Generator, outputs: list[Output]) -> None:
-        server = offer.sender.agent
-        if self.lock is Lock.CLIENT_DONE and offer.trade == self._open and self._pending is not None:
-            outputs.append(self._pending)
+    def _hear(self, now: float, sender: Sender, outputs: list[Output]) -> bool:
+        """Note that a message has come; whether to take it in."""
+        assert self._membership is not None
+        hearing = self._membership.hear(now, sender)
+        if hearing not in (Hearing.OLD, Hearing.KNOWN):
+            self._send_map(sender.agent, outputs)
+        if hearing in (Hearing.RETURNED, Hearing.REBORN):
+            self._detector.admit(sender.agent)
+            self._partners.join(sender.agent)
+            outputs.append(AgentReturned(self.agent, sender))
+        if hearing is Hearing.REBORN:
+            self._maps_from.discard(sender.agent)
+            self._take_back(sender.agent, outputs)
+        return hearing is not Hearing.OLD
+
+    def _on_death(self, agent: int, outputs: list[Output]) -> None:
+        self._detector.bury(agent)
+        self._partners.leave(agent)
+        outputs.append(AgentBuried(self.agent, agent))
+        self._take_back(agent, outputs)
+        if self.lock is Lock.CLIENT_DONE and self._pending is not None and self._pending.to == agent:
+            if isinstance(self._pending.message, Commit):
+                self._unsettled[agent] = self._pending.message
+            self._move(Trigger.PARTNER_DEAD)
+            self._pose_is_due = True
+
+    def _take_back(self, client: int, outputs: list[Output]) -> None:
+        """Leave a trade whose client is no more: what was on offer is adopted by this agent itself."""
+        escrow = self._holdings.escrow
+        if self.lock is not Lock.SERVER_PREPARED or self._pending is None or self._pending.to != client:
             return
-        if not self._waits_for(offer.trade):
-            outputs.append(Send(server, Abort(self.sender, offer.trade, Reason.STALE)))
+        self._release(client, Trigger.PARTNER_DEAD)
+        self._holdings.overrule_pose()
+        if escrow is not None and len(escrow.landmarks):
+            outputs.append(LandmarksAdopted(self.agent, self._holdings.adopt(escrow.landmarks)))
+            self._changed_from_outside()
+
+    def _adopt_orphans(self, outputs: list[Output]) -> None:
+        """Take over what has no living owner and this agent sees best."""
+        membership, own = self._membership, self._holdings
+        assert membership is not None
+        known = (own.records.changes, own.poses.changes, membership.changes, len(self._maps_from))
+        if known == self._adopted_at or self.lock is Lock.SERVER_PREPARED:
             return
-        own = self._holdings
-        reason = Reason.STALE
-        if own.epoch == self._asked_in_epoch and not own.contradicts(offer.records) and not own.is_ahead(offer.records):
-            proposal = _proposal(offer, self.landmarks)
-            verdict = self._judge(AgentState(server, offer.pose.pose, offer.records.indices), own.state, proposal)
-            if verdict.accepted:
-                self._commit(now, offer, proposal, verdict, outputs)
-                return
-            reason = Reason.NO_GAIN
-            self._partners.drop(server)
-        self._move(Trigger.DECLINE)
-        self._partners.back_off(now, now - self._asked_at, rng)
-        outputs.append(Send(server, Abort(self.sender, offer.trade, reason)))
-        outputs.append(OfferDeclined(offer.trade, self.agent, server, reason))
+        self._adopted_at = known
+        living = membership.living
+        without = orphans(own.records, living)
+        self._orphaned = len(without) > 0
+        if not self._orphaned or not self._maps_from >= living.keys() - {self.agent}:
+            return  # somebody who lives may know another owner
+        best = adopters(self._planner, own.poses, living, len(own.records))
+        if best is not None and (best[without] == self.agent).any():
+            outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
+            self._orphaned = len(orphans(own.records, living)) > 0
+            self._changed_from_outside()
 
-    def _commit(self, now: float, offer: Offer, proposal: Proposal, verdict: Verdict, outputs: list[Output]) -> None:
-        """Apply both sets and both poses: the commit point, one step with no message in the middle."""
-        server = offer.sender.agent
-        records = RecordSlice.join(
-            offer.records.select(offer.give).next(*self.sender),
-            self._holdings.own.select(offer.want).next(*offer.sender),
-        )
-        commit = Commit(
-            self.sender,
-            offer.trade,
-            records,
-            offer.pose.next(proposal.server_pose),
-            self._holdings.pose_record.next(proposal.client_pose),
-        )
-        self._apply(commit, server)
-        self._committed[server] = self._committed.get(server, 0) + 1
-        self._move(Trigger.ACCEPT)
-        self._send_until_answered(now, Send(server, commit), outputs)
-        outputs.append(
-            TradeCommitted(
-                offer.trade,
-                self.agent,
-                server,
-                proposal.client_pose,
-                proposal.server_pose,
-                self.landmarks,
-                proposal.server_landmarks,
-                len(records.indices),
-                verdict.before,
-                verdict.after,
-            )
-        )
+    def _on_heartbeat(self, heartbeat: Heartbeat) -> None:
+        self.poses.merge(heartbeat.sender.agent, heartbeat.pose)
+        if self._membership is not None:
+            self._detector.receive(heartbeat)
 
-    # Server.
+    def _on_map(self, message: Map) -> None:
+        if self._membership is not None and self.lock is not Lock.SERVER_PREPARED:
+            self._maps_from.add(message.sender.agent)
+            self._learn(message.records, message.poses)
 
-    def _on_request(self, now: float, request: Request, outputs: list[Output]) -> None:
-        client, trade = request.sender.agent, request.trade
-        newest, answer = self._answers.get(client, (None, None))
-        if newest is None or trade > newest:
-            if isinstance(answer, Offer):
-                self._release(client)  # a client that opens another trade has closed the one before
-            answer = self._answer(now, request)
-            self._answers[client] = (trade, answer)
-        elif trade < newest or answer is None:
-            return  # the client has gone on
-        outputs.append(Send(client, answer))
-
-    def _answer(self, now: float, request: Request) -> Busy | Nothing | Offer:
-        own, client = self._holdings, request.sender.agent
-        if self.lock is not Lock.IDLE or not self.at_waypoint or own.contradicts(request.records):
-            return Busy(self.sender, request.trade)
-        self.poses.merge(client, request.pose)
-        state = AgentState(client, request.pose.pose, request.records.indices, request.avoid)
-        proposal = self._planner.propose(own.state, state)
-        if proposal is None or not self._judge(own.state, state, proposal).accepted:
-            self._partners.drop(client)
-            return Nothing(self.sender, request.trade, own.pose_record)
-        offer = Offer(
-            self.sender,
-            request.trade,
-            own.pose_record,
-            own.own,
-            difference(self.landmarks, proposal.server_landmarks),
-            difference(state.landmarks, proposal.client_landmarks),
-            proposal.server_pose,
-            proposal.client_pose,
-        )
-        self._prepare(now, client, offer)
-        return offer
-
-    def _prepare(self, now: float, client: int, offer: Offer) -> None:
-        self._move(Trigger.OFFER)
-        self._holdings.escrow = Escrow(offer.trade, offer.give)
-        self._send_until_answered(now, Send(client, offer), [])
-
-    def _release(self, client: int) -> None:
-        newest, _ = self._answers[client]
-        self._answers[client] = (newest, None)
-        self._holdings.escrow = None
-        self._move(Trigger.ABORT)
-
-    def _on_commit(self, now: float, commit: Commit, rng: np.random.Generator, outputs: list[Output]) -> None:
-        client = commit.sender.agent
-        newest, answer = self._answers.get(client, (None, None))
-        if commit.trade != newest or not isinstance(answer, Offer | Ack):
-            return
-        if isinstance(answer, Offer):
-            answer = Ack(self.sender, commit.trade)
-            self._answers[client] = (commit.trade, answer)
-            self._holdings.escrow = None
-            self._apply(commit, self.agent)
-            self._served[client] = self._served.get(client, 0) + 1
-            self._move(Trigger.COMMIT)
-            self._partners.rest(now, 0.0, rng)
-            self._improve(outputs)
-        outputs.append(Send(client, answer))
-
-    def _on_abort(self, abort: Abort) -> None:
-        client = abort.sender.agent
-        newest, answer = self._answers.get(client, (None, None))
-        if newest is not None and (abort.trade < newest or (isinstance(answer, Ack) and abort.trade == newest)):
-            return
-        if isinstance(answer, Offer):
-            if abort.reason is Reason.NO_GAIN and abort.trade == newest:
-                self._partners.drop(client)
-            self._release(client)
-        self._answers[client] = (abort.trade, None)
-
-    # Both.
-
-    def _move(self, trigger: Trigger) -> None:
-        self.lock = next_state(self.lock, trigger)
-        if self.lock is Lock.IDLE:
-            self._pending = None
-
-    def _send_until_answered(self, now: float, send: Send, outputs: list[Output]) -> None:
-        self._pending = send
-        self._resend_at = now + self._options.resend_after
-        outputs.append(send)
-
-    def _apply(self, commit: Commit, server: int) -> None:
-        self._holdings.apply(commit, server)
-        self._partners.refill()
-
-    def _commit_pose(self, pose: Pose2) -> None:
-        self._holdings.commit_pose(pose)
-        self._partners.refill()
-
-    def _score(self, pose: Pose2) -> float:
-        return coverage_score(self._planner, self.agent, pose, self.landmarks)
-
-    def _judge(self, server: AgentState, client: AgentState, proposal: Proposal) -> Verdict:
-        for state, pose in ((server, proposal.server_pose), (client, proposal.client_pose)):
-            if pose != state.pose and self._is_avoided(pose, state.avoid):
-                return Verdict(False, 0.0, 0.0)
-        return judge(self._planner, server, client, proposal)
-
-    def _is_avoided(self, pose: Pose2, avoid: tuple[Pose2, ...]) -> bool:
-        return any(
-            np.hypot(pose.x - other.x, pose.y - other.y) <= self._options.same_position
-            and abs(wrap_angle(pose.yaw - other.yaw)) <= self._options.same_yaw
-            for other in avoid
-        )
-
-    def _improve(self, outputs: list[Output]) -> None:
-        if len(self.landmarks) == 0:
-            return  # every pose is as good: keep this one (V11)
-        pose = self._planner.improve(self.agent, self.pose, self.landmarks)
-        if pose is not None:
-            self._adopt(pose, Cause.OPTIMIZER, outputs)
-
-    def _adopt(self, pose: Pose2, cause: Cause, outputs: list[Output]) -> None:
-        before, after = self._score(self.pose), self._score(pose)
-        if is_better(before, after) and not self._is_avoided(pose, self._holdings.avoid):
-            self._commit_pose(pose)
-            outputs.append(PoseOptimized(self.agent, pose, before, after, cause))
+    def _digest(self) -> bytes:
+        if self._membership is None:
+            return b""
+        known = (self.records.changes, self.poses.changes)
+        if known != self._digested_at:
+            self._digested_at, self._digest_then = known, map_digest(self.records, self.poses)
+        return self._digest_then
 
     def _finish(self, outputs: list[Output]) -> list[Output]:
-        if self.lock is Lock.IDLE and self.pose != self._waypoint:
-            self._waypoint = self.pose
-            self.at_waypoint = False
-            outputs.append(GoTo(self._waypoint))
+        if self._membership is not None:
+            self._adopt_orphans(outputs)
+        if self.lock is Lock.IDLE:
+            if self._pose_is_due and self.at_waypoint:
+                self._pose_is_due = False
+                self._improve(outputs)
+            if self.pose != self._waypoint:
+                self._waypoint = self.pose
+                self.at_waypoint = False
+                outputs.append(GoTo(self._waypoint))
         quiescent = self.quiescent
-        status = (quiescent, self.epoch if quiescent else 0)
+        status = (quiescent, self.epoch, self._digest()) if quiescent else _ACTIVE
         if status != self._published:
             self._published = status
-            outputs.append(Publish(self.heartbeat()))
+            heartbeat = self.heartbeat()
+            outputs.append(Publish(heartbeat))
+            if self._membership is not None:
+                self._detector.receive(heartbeat)
         return outputs
-
-
-def _proposal(offer: Offer, client_landmarks: NDArray[np.int64]) -> Proposal:
-    server = np.concatenate([difference(offer.records.indices, offer.give), offer.want])
-    client = np.concatenate([difference(client_landmarks, offer.want), offer.give])
-    server.sort()
-    client.sort()
-    return Proposal(offer.server_pose, offer.client_pose, server, client)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
-from covey.protocol.messages import Heartbeat, Message, Reason, TradeId
+from covey.protocol.messages import Heartbeat, Message, Reason, Sender, TradeId
+from covey.protocol.records import RecordSlice
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,46 @@ class OfferDeclined:
     reason: Reason
 
 
-Event: TypeAlias = PoseOptimized | TradeCommitted | WaypointAbandoned | OfferDeclined
+@dataclass(frozen=True, slots=True)
+class AgentBuried:
+    """An agent declared another dead."""
+
+    agent: int
+    dead: int
+
+
+@dataclass(frozen=True, slots=True)
+class AgentReturned:
+    """An agent heard from one that it had declared dead, or that is in a newer life than before.
+
+    Parameters
+    ----------
+    agent : int
+    returned : Sender
+    """
+
+    agent: int
+    returned: Sender
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LandmarksAdopted:
+    """An agent took landmarks over that a dead agent or a life that is over had owned.
+
+    Parameters
+    ----------
+    agent : int
+    records : RecordSlice
+        The new records, one generation above those before.
+    """
+
+    agent: int
+    records: RecordSlice
+
+
+Event: TypeAlias = (
+    PoseOptimized | TradeCommitted | WaypointAbandoned | OfferDeclined | AgentBuried | AgentReturned | LandmarksAdopted
+)
 """Anything for the log."""
 
 Output: TypeAlias = Send | Publish | GoTo | Event

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from covey.errors import ArgumentError
+from covey.geometry import Pose2
+from covey.protocol.membership import MembershipOptions
 from covey.protocol.records import PoseRecords
 
 Order: TypeAlias = Callable[[int, PoseRecords, Sequence[int], np.random.Generator], Iterable[int]]
 """``order(agent, poses, candidates, rng)``: the candidates, the most promising partner first."""
 
+Links: TypeAlias = Callable[[Pose2, Pose2], bool]
+"""``links(pose, other)``: whether agents at these poses may trade; symmetric."""
+
 _DOUBLINGS = 6
+
+
+def within(radius: float) -> Links:
+    """Return the links of agents that are no further apart than this, metres.
+
+    Examples
+    --------
+    >>> within(2.0)(Pose2(0.0, 0.0, 0.0), Pose2(0.0, 2.0, 1.0))
+    True
+    """
+    return lambda pose, other: math.hypot(pose.x - other.x, pose.y - other.y) <= radius
 
 
 def random_order(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:
@@ -41,6 +59,8 @@ class NodeOptions:
         for; never after the commit, and never a server.
     same_position, same_yaw : float
         Two poses no further apart than this, metres and radians, are the same unreachable pose.
+    membership : MembershipOptions or None
+        How the team survives crashes; None for a team of which nobody dies.
 
     Raises
     ------
@@ -54,6 +74,7 @@ class NodeOptions:
     give_up_after: float = 10.0
     same_position: float = 0.05
     same_yaw: float = 0.05
+    membership: MembershipOptions | None = None
 
     def __post_init__(self) -> None:
         for name in ("backoff", "pause", "same_position", "same_yaw"):
@@ -99,18 +120,28 @@ class Partners:
         """Take a partner out: a completed trade found nothing."""
         self.waiting.discard(partner)
 
-    def next(self, poses: PoseRecords, rng: np.random.Generator) -> int:
-        """Return whom to ask; all in Q have their turn before anyone is asked again.
+    def leave(self, partner: int) -> None:
+        """Take a partner out for good: it is dead."""
+        self._others = tuple(other for other in self._others if other != partner)
+        self.waiting.discard(partner)
+
+    def join(self, partner: int) -> None:
+        """Take a partner in again, and put all others back."""
+        self._others = tuple(sorted({*self._others, partner}))
+        self.refill()
+
+    def next(self, poses: PoseRecords, rng: np.random.Generator, willing: AbstractSet[int]) -> int:
+        """Return whom to ask of those that are willing; all have their turn before anyone is asked again.
 
         Raises
         ------
         ArgumentError
             If `order` does not return the candidates it was given.
         """
-        while self._line and self._line[-1] not in self.waiting:
+        while self._line and self._line[-1] not in willing:
             self._line.pop()
         if not self._line:
-            candidates = [other for other in self._others if other in self.waiting]
+            candidates = [other for other in self._others if other in willing]
             self._line = [int(other) for other in self._order(self._agent, poses, candidates, rng)]
             if sorted(self._line) != sorted(candidates):
                 raise ArgumentError(f"order: expected the candidates {candidates}, got {self._line}")

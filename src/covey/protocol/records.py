@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,9 @@ from covey.geometry import Pose2
 
 GENERATION, VERSION, OWNER, INCARNATION = range(4)
 """Columns of a record, most significant first."""
+
+NOBODY = -1
+"""Owner in a record of generation 0."""
 
 FIRST_GENERATION = 1
 """The generation of a mission's first records; an agent without memory holds generation 0 and never wins."""
@@ -45,6 +49,10 @@ class PoseRecord(NamedTuple):
         """Return the record that follows this one."""
         return PoseRecord(self.generation, self.version + 1, pose)
 
+    def overrule(self, pose: Pose2) -> PoseRecord:
+        """Return a record that wins against this one and all that follow it in the same generation."""
+        return PoseRecord(self.generation + 1, 0, pose)
+
 
 class PoseRecords:
     """The newest committed pose known of each agent.
@@ -61,6 +69,8 @@ class PoseRecords:
     """
 
     def __init__(self, records: Mapping[int, PoseRecord]) -> None:
+        self.changes = 0
+        """How often a record has been replaced."""
         self._records = dict(records)
 
     @classmethod
@@ -77,6 +87,10 @@ class PoseRecords:
     def __contains__(self, agent: int) -> bool:
         return agent in self._records
 
+    def as_mapping(self) -> Mapping[int, PoseRecord]:
+        """Return a copy of the records by agent."""
+        return MappingProxyType(dict(self._records))
+
     def pose(self, agent: int) -> Pose2:
         """Return the pose of an agent."""
         return self._records[agent].pose
@@ -91,6 +105,7 @@ class PoseRecords:
         if known is not None and (known is record or known.key() >= record.key()):
             return False
         self._records[agent] = record
+        self.changes += 1
         return True
 
 
@@ -117,6 +132,15 @@ class RecordSlice:
         """Return the records that follow these when all the landmarks go to one owner."""
         values = self.values.copy()
         values[:, VERSION] += 1
+        values[:, OWNER] = owner
+        values[:, INCARNATION] = incarnation
+        return RecordSlice(self.indices, values)
+
+    def adopted_by(self, owner: int, incarnation: int) -> RecordSlice:
+        """Return the records with which an agent takes all the landmarks over, one generation above these."""
+        values = self.values.copy()
+        values[:, GENERATION] += 1
+        values[:, VERSION] = 0
         values[:, OWNER] = owner
         values[:, INCARNATION] = incarnation
         return RecordSlice(self.indices, values)
@@ -162,6 +186,8 @@ class LandmarkRecords:
     """
 
     def __init__(self, values: NDArray[np.int64]) -> None:
+        self.changes = 0
+        """How often something has been merged."""
         self.values: NDArray[np.int64] = np.array(values, dtype=np.int64)
         if self.values.ndim != 2 or self.values.shape[1] != 4:
             raise ArgumentError(f"values: expected shape (n, 4), got {self.values.shape}")
@@ -190,8 +216,19 @@ class LandmarkRecords:
             raise ArgumentError(f"partition: expected each landmark once, landmark {k} is there {claims[k]} times")
         return cls(values)
 
+    @classmethod
+    def unknown(cls, n: int) -> LandmarkRecords:
+        """Build the records of an agent that has lost its memory: generation 0, which loses to every other."""
+        values = np.zeros((n, 4), dtype=np.int64)
+        values[:, OWNER] = NOBODY
+        return cls(values)
+
     def __len__(self) -> int:
         return len(self.values)
+
+    def all(self) -> RecordSlice:
+        """Return a copy of all records."""
+        return RecordSlice(np.arange(len(self.values)), self.values.copy())
 
     def copy(self) -> LandmarkRecords:
         """Return an independent copy."""
@@ -218,6 +255,7 @@ class LandmarkRecords:
         """Keep the newer of each known record and the one given; return, shape (k,), where it was the one given."""
         newer = self.is_behind(records)
         self.values[records.indices[newer]] = records.values[newer]
+        self.changes += 1
         return newer
 
 

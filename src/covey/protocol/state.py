@@ -38,6 +38,8 @@ class Trigger(enum.Enum):
     OFFER = "offer"
     COMMIT = "committed"
     ABORT = "aborted"
+    PARTNER_DEAD = "partner dead"
+    RESUME = "resume"
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,15 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Lock.CLIENT_WAIT, Trigger.DECLINE, Lock.IDLE, "OFFER", "ABORT", "stale, or no gain"),
     Transition(Lock.CLIENT_WAIT, Trigger.GIVE_UP, Lock.IDLE, "", "ABORT", "no answer: no failure, back off"),
     Transition(Lock.CLIENT_DONE, Trigger.ACK, Lock.IDLE, "ACK", "", "then Algorithm 3"),
+    Transition(Lock.CLIENT_DONE, Trigger.PARTNER_DEAD, Lock.IDLE, "", "", "server dead: COMMIT is kept for its return"),
+    Transition(Lock.IDLE, Trigger.RESUME, Lock.CLIENT_DONE, "", "COMMIT", "a server that was dead is asked again"),
     Transition(Lock.SERVER_PREPARED, Trigger.COMMIT, Lock.IDLE, "COMMIT", "ACK", "merge, then Algorithm 3"),
     Transition(Lock.SERVER_PREPARED, Trigger.ABORT, Lock.IDLE, "ABORT", "", "escrow released"),
+    Transition(
+        Lock.SERVER_PREPARED, Trigger.PARTNER_DEAD, Lock.IDLE, "", "", "client dead or reborn: escrow adopted by itself"
+    ),
 )
-"""All that can happen to the lock.  A server never leaves SERVER_PREPARED by itself."""
+"""All that can happen to the lock.  A server never leaves SERVER_PREPARED by itself while its client lives."""
 
 _NEXT = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 

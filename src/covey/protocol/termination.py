@@ -28,6 +28,10 @@ class TerminationDetector:
     rise and commits of a pair are merged in order, so they differ.  A pose adopted from outside is not a change of
     this kind: who calls `Node.adopt_pose` hands the heartbeat that it returns to the detector at once.
 
+    Where the team survives crashes, counts of a pair can differ for ever, and heartbeats carry digests of the agents'
+    maps instead: they must be equal.  The same change shows in the client's map and not in the server's, and no map
+    on its way between equal maps changes anything.  The dead are left out; who returns counts as active.
+
     Examples
     --------
     >>> TerminationDetector([]).terminated
@@ -38,7 +42,8 @@ class TerminationDetector:
 
     def __init__(self, agents: Iterable[int]) -> None:
         self._newest: dict[int, Heartbeat | None] = dict.fromkeys(agents)
-        self._active = len(self._newest)
+        self._active = set(self._newest)
+        self._dead: set[int] = set()
 
     def receive(self, heartbeat: Heartbeat) -> bool:
         """Take a heartbeat in, in any order; return whether the mission is over.  Strangers are ignored."""
@@ -46,26 +51,40 @@ class TerminationDetector:
         if agent in self._newest:
             known = self._newest[agent]
             if known is None or _age(heartbeat) > _age(known):
-                was_active = known is None or not known.quiescent
-                self._active += (not heartbeat.quiescent) - was_active
                 self._newest[agent] = heartbeat
+                if heartbeat.quiescent:
+                    self._active.discard(agent)
+                else:
+                    self._active.add(agent)
         return self.terminated
+
+    def bury(self, agent: int) -> None:
+        """Leave a dead agent out."""
+        self._dead.add(agent)
+
+    def admit(self, agent: int) -> None:
+        """Count an agent that has returned, or begun a new life, as active until it says otherwise."""
+        self._dead.discard(agent)
+        self._active.add(agent)
 
     @property
     def terminated(self) -> bool:
         """Whether the heartbeats so far prove that nothing will happen any more."""
-        return self._active == 0 and self._no_trade_in_flight()
+        return self._active <= self._dead and self._no_trade_in_flight()
 
     def versions(self) -> Mapping[int, tuple[int, int]]:
-        """Return (incarnation, epoch) of each agent heard of: the set over which termination is judged."""
+        """Return (incarnation, epoch) of each living agent heard of: the set over which termination is judged."""
         return {
             agent: (heartbeat.sender.incarnation, heartbeat.epoch)
             for agent, heartbeat in self._newest.items()
-            if heartbeat is not None
+            if heartbeat is not None and agent not in self._dead
         }
 
     def _no_trade_in_flight(self) -> bool:
-        beats = {agent: heartbeat for agent, heartbeat in self._newest.items() if heartbeat is not None}
+        beats = {a: beat for a, beat in self._newest.items() if beat is not None and a not in self._dead}
+        digests = {beat.digest for beat in beats.values()}
+        if digests - {b""}:
+            return len(digests) == 1
         committed = {(a, b): count for a, beat in beats.items() for b, count in beat.committed.items()}
         served = {(b, a): count for a, beat in beats.items() for b, count in beat.served.items()}
         return committed == served

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.geometry import Pose2
-from covey.protocol import Cause, PoseRecord, Reason, RecordSlice, TradeId
+from covey.protocol import Cause, PoseRecord, Reason, RecordSlice, Sender, TradeId
 from covey.protocol.records import OWNER
 
 _T = TypeVar("_T")
 _E = TypeVar("_E", bound=enum.Enum)
 
+LONGEST_BLOB = 255
 LARGEST = 2**63 - 1
 """The largest number on the wire; what an int64 holds."""
 
@@ -149,6 +150,15 @@ REASON: Kind[Reason] = choice(Reason)
 CAUSE: Kind[Cause] = choice(Cause)
 
 
+def _write_blob(value: bytes) -> bytes:
+    if len(value) > LONGEST_BLOB:
+        raise ArgumentError(f"message: expected at most {LONGEST_BLOB} bytes, got {len(value)}")
+    return _BYTE.pack(len(value)) + value
+
+
+DIGEST: Kind[bytes] = Kind(_write_blob, lambda reader: reader.take(*reader.unpack(_BYTE)))
+
+
 # Poses and names.
 
 
@@ -255,3 +265,8 @@ def by_agent(kind: Kind[_T]) -> Kind[Mapping[int, _T]]:
 LANDMARKS: Kind[NDArray[np.int64]] = Kind(_write_landmarks, _read_landmarks)
 RECORDS: Kind[RecordSlice] = Kind(_write_records, _read_records)
 TALLY: Kind[Mapping[int, int]] = by_agent(COUNT)
+POSE_RECORDS: Kind[Mapping[int, PoseRecord]] = by_agent(POSE_RECORD)
+SENDER: Kind[Sender] = Kind(
+    lambda sender: b"".join(_write_count(number) for number in sender),
+    lambda reader: Sender(_read_agent(reader), _read_count(reader)),
+)

@@ -35,20 +35,24 @@ class TablePlanner:
         self.proposals = 0
 
     def visibility(self, agent: int, pose: Pose2) -> NDArray[np.float64]:
+        """Return the row of the table."""
         visibility: NDArray[np.float64] = self.table[agent, round(pose.x)]
         return visibility
 
     def scores(self, agent: int, landmarks: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the score of these landmarks from each pose, shape (poses,)."""
         scores: NDArray[np.float64] = self.table[agent][:, landmarks] @ self.weights[landmarks]
         return scores
 
     def improve(self, agent: int, pose: Pose2, landmarks: NDArray[np.int64]) -> Pose2 | None:
+        """Return the best pose if it is better."""
         scores = self.scores(agent, landmarks)
         if scores.max() <= scores[round(pose.x)] + 1e-9 or (len(landmarks) % 2 and not self.eager):
             return None
         return pose_at(int(scores.argmax()))
 
     def propose(self, server: AgentState, client: AgentState) -> Proposal | None:
+        """Return the best split of the best pair of poses, or Algorithm 6."""
         self.proposals += 1
         union = np.union1d(server.landmarks, client.landmarks)
         assert len(union) == len(server.landmarks) + len(client.landmarks)

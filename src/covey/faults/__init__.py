@@ -1,0 +1,28 @@
+"""Simulated misfortune for real nodes: networks that fail, agents that die, and what must hold all the same."""
+
+from covey.faults.campaign import Finding, Report, campaign, shrink
+from covey.faults.checks import Checker, Violation
+from covey.faults.mutants import MUTANTS
+from covey.faults.scenario import Crash, Cut, Isolation, Mode, Scenario, draw, simpler
+from covey.faults.simulator import Outcome, run
+from covey.faults.trace import describe
+
+__all__ = [
+    "MUTANTS",
+    "Checker",
+    "Crash",
+    "Cut",
+    "Finding",
+    "Isolation",
+    "Mode",
+    "Outcome",
+    "Report",
+    "Scenario",
+    "Violation",
+    "campaign",
+    "describe",
+    "draw",
+    "run",
+    "shrink",
+    "simpler",
+]
