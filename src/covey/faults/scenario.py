@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -283,8 +283,8 @@ _PLAIN = {
 
 
 def _with(scenario: Scenario, name: str, value: object) -> Scenario:
-    changes: dict[str, object] = {name: value}
-    return replace(scenario, **changes)  # type: ignore[arg-type]
+    changes: dict[str, Any] = {name: value}
+    return replace(scenario, **changes)
 
 
 def _without_last_agent(scenario: Scenario) -> Scenario:
