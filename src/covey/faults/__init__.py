@@ -2,6 +2,7 @@
 
 from covey.faults.campaign import Finding, Report, campaign, shrink
 from covey.faults.checks import Checker, Violation
+from covey.faults.explore import Exploration, explore
 from covey.faults.mutants import MUTANTS
 from covey.faults.scenario import Crash, Cut, Isolation, Mode, Scenario, draw, simpler
 from covey.faults.simulator import Outcome, run
@@ -12,6 +13,7 @@ __all__ = [
     "Checker",
     "Crash",
     "Cut",
+    "Exploration",
     "Finding",
     "Isolation",
     "Mode",
@@ -22,6 +24,7 @@ __all__ = [
     "campaign",
     "describe",
     "draw",
+    "explore",
     "run",
     "shrink",
     "simpler",

@@ -312,7 +312,7 @@ def test_heatmap(run: Run, tmp_path: Path) -> None:
 
 
 def test_help_version_and_schema(run: Run) -> None:
-    for command in ("plan", "certify", "validate", "schema", "reproduce", "heatmap"):
+    for command in ("plan", "certify", "validate", "schema", "reproduce", "heatmap", "chaos"):
         assert command in run("--help").out
         assert run(command, "--help").code == 0
     assert run("--version").out.startswith("covey 0.")
