@@ -4,6 +4,8 @@ A vehicle-step is 10 ms of one vehicle: observation, avoidance (potential field 
 practical control law, and physics of two steps of 5 ms, each with its rate loop and a Runge-Kutta step of order 4, with
 drag and the check for collisions.  One thread.  RotorPy's is `SE3Control.update` and `Multirotor.step` of 10 ms,
 without avoidance; it is left out where RotorPy is not installed.
+
+Then whole missions in MuJoCo, trading, proofs and log included, as times real time.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import importlib.util
 import time
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,8 +22,12 @@ from covey.flight.backstepping import control_all
 from covey.flight.layout import COMMAND, SIGNALS, P, V
 from covey.flight.navigation import Navigator
 from covey.flight.parameters import load_vehicle
+from covey.mission import load_mission
+from covey.runtime.fly import fly
+from covey.runtime.result import Deployment
 from covey.simulators.reference import ReferenceSimulator
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 PERIOD = 0.01
 SPACING = 10.0
 """Metres between neighbours at the start, in the plane."""
@@ -116,9 +123,29 @@ def rotorpy(steps: int) -> float | None:
     return best
 
 
+def mission(name: str, repetitions: int) -> dict[str, Any]:
+    """Fly a mission in MuJoCo and tell how fast that went at best."""
+    loaded = load_mission(EXAMPLES / f"{name}.yaml")
+    best = max((fly(loaded).deployment for _ in range(repetitions)), key=_factor)
+    assert best.flight is not None
+    return {
+        "mission": name,
+        "agents": len(best.agents),
+        "times_real_time": _factor(best),
+        "duration_s": best.flight.duration,
+        "min_separation_m": best.flight.min_separation,
+    }
+
+
+def _factor(deployment: Deployment) -> float:
+    return 0.0 if deployment.flight is None else deployment.flight.real_time_factor
+
+
 def run(quick: bool) -> dict[str, Any]:
     """Both, in one run."""
     result: dict[str, Any] = {"swarm": swarm(200 if quick else 1000, 100 if quick else 500)}
+    names = ("thesis-5.1",) if quick else ("thesis-5.1", "eight-agents", "sixteen-agents")
+    result["missions"] = [mission(name, 1 if quick else 3) for name in names]
     other = rotorpy(500 if quick else 2000)
     if other is not None:
         result["rotorpy_vehicle_steps_per_second"] = other

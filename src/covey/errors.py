@@ -8,6 +8,8 @@
     │   ├── MissionError          a mission file: carries every mistake found, with line and key
     │   └── ResultError           a result directory: missing, incomplete or inconsistent
     ├── OutputError               the output cannot be written, or would overwrite something
+    ├── NetworkError              the network cannot be joined
+    ├── CodecError                bytes from the network are no message of this mission; says why
     └── SolverError               an optimiser could not do what it promises, or a simulation diverged
 
 Exit codes of the command line: 0 success, 1 the deployment violates its certificate, 2 bad input, usage or output,
@@ -16,6 +18,7 @@ Exit codes of the command line: 0 success, 1 the deployment violates its certifi
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 
@@ -83,6 +86,34 @@ class ResultError(InputError):
 
 class OutputError(CoveyError):
     """Output cannot be written, or would overwrite what is there."""
+
+
+class NetworkError(CoveyError):
+    """The network cannot be joined as configured."""
+
+
+class Drop(enum.Enum):
+    """Why something that arrived was dropped."""
+
+    TOO_LONG = "too long"
+    MALFORMED = "malformed"
+    VERSION = "another version"
+    MISSION = "another mission"
+    IMPOSTOR = "impostor"
+    """It came by another agent's key, or was addressed to another."""
+    REPLAYED = "replayed"
+    """It was here before, is too old to tell, or is of an earlier life of its sender."""
+    OUTDATED = "outdated"
+    """A newer state of the same agent is known."""
+    FULL = "inbox full"
+
+
+class CodecError(CoveyError):
+    """Bytes from the network are no message of this mission; `cause` says why."""
+
+    def __init__(self, cause: Drop, text: str) -> None:
+        super().__init__(f"{cause.value}: {text}")
+        self.cause = cause
 
 
 class SolverError(CoveyError):

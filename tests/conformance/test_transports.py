@@ -1,15 +1,21 @@
-"""The conformance suite for transports, over the in-process bus; and transports with one fault, which it must find."""
+"""The conformance suite for transports, over the in-process bus and Zenoh; and transports with one fault, which it must
+find.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
+from tests.net import connect_team, free_endpoint, settle_team
 
 from covey.protocol import Busy, Heartbeat, Message, RecordSlice, Request
-from covey.testing.transports import check_transport
+from covey.testing.transports import check_real_transport, check_transport
 from covey.transports import Loopback, LoopbackEndpoint, Transport
+from covey.transports.codec import Codec
+from covey.transports.network import Mode, NetworkOptions, Router
+from covey.transports.zenoh import ZenohTransport
 
 
 class Network:
@@ -34,6 +40,44 @@ class Network:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_loopback_conforms(seed: int) -> None:
     check_transport(Network(seed))
+
+
+class ZenohNetwork:
+    """Opens a transport for each agent, all in this process; through a router or directly."""
+
+    CODEC = Codec(bytes(16), agents=100, landmarks=2**40)
+
+    def __init__(self, *, routed: bool) -> None:
+        self.routed = routed
+        self.open: list[ZenohTransport] = []
+        self.router: Router | None = None
+
+    def __call__(self, agents: Sequence[int]) -> tuple[Sequence[ZenohTransport], Callable[[], None]]:
+        self.close()
+        meeting_point = free_endpoint()
+        if self.routed:
+            self.router = Router(NetworkOptions(mode=Mode.ROUTER, listen=(meeting_point,)), self.CODEC.digest)
+        mode = Mode.CLIENT if self.routed else Mode.PEER
+        self.open = connect_team(agents, self.CODEC, meeting_point, mode)
+        return self.open, lambda: settle_team(self.open)
+
+    def close(self) -> None:
+        """Close what the last check opened."""
+        for transport in self.open:
+            transport.close()
+        if self.router is not None:
+            self.router.close()
+
+
+@pytest.fixture(params=[False, True], ids=["peers", "router"])
+def zenoh_network(request: pytest.FixtureRequest) -> Iterator[ZenohNetwork]:
+    network = ZenohNetwork(routed=request.param)
+    yield network
+    network.close()
+
+
+def test_zenoh_conforms(zenoh_network: ZenohNetwork) -> None:
+    check_real_transport(zenoh_network)
 
 
 def test_an_endpoint_is_a_transport() -> None:

@@ -128,8 +128,8 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
 def _flight_facts(flight: FlightReport) -> list[tuple[str, str]]:
     """Say how a mission was flown, and what went wrong."""
     how = (
-        f"{flight.duration:.0f} s in {flight.simulator} with {flight.vehicle}, {flight.real_time_factor:.0f} times real "
-        f"time; tracking {100.0 * flight.tracking_rms:.1f} cm rms; score as flown {flight.score_flown:.2f}"
+        f"{flight.duration:.0f} s in {flight.simulator} with {flight.vehicle}, {flight.real_time_factor:.0f} times "
+        f"real time; tracking {100.0 * flight.tracking_rms:.1f} cm rms; score as flown {flight.score_flown:.2f}"
     )
     apart = (
         f"at least {flight.min_separation:.2f} m, {flight.required_separation:.2f} m required; "

@@ -282,7 +282,7 @@ _PLAIN = {
 }
 
 
-def _with(scenario: Scenario, name: str, value: Any) -> Scenario:
+def _with(scenario: Scenario, name: str, value: object) -> Scenario:
     changes: dict[str, Any] = {name: value}
     return replace(scenario, **changes)
 

@@ -165,11 +165,10 @@ class Navigator:
         """What has become of a vehicle's goal."""
         mode = self._team.modes[i]
         if mode == motion.FLYING:
-            own, progress = self.options[i], self._team.progress[i]
+            _, best, *_ = self._team.progress[i]
             off = np.linalg.norm(self._references[i, :3] - self._team.goals[i, :3])
             # once there, being pushed a little does not count
-            near = motion.NEAR if progress[motion.BEST] < own.arrival else 1.0
-            arrived = max(off, progress[motion.LEFT]) < near * own.arrival
+            arrived = best == 0.0 and off < motion.NEAR * self.options[i].arrival
             return Status.ARRIVED_REFERENCE if arrived else Status.FLYING
         return Status.BLOCKED if mode == motion.BLOCKED else Status.INACTIVE
 
@@ -239,23 +238,8 @@ class Navigator:
         self._observe(positions_W, velocities_W, dt)
         self._advance(i, i + 1, dt)
         self._check_progress(i)
-        return self._references.copy()
-
-    def step_one(
-        self, i: int, positions_W: NDArray[np.float64], velocities_W: NDArray[np.float64], dt: float
-    ) -> NDArray[np.float64]:
-        """Move the reference of vehicle i alone, as if each vehicle computed its own; shapes as in `step`.
-
-        Returns
-        -------
-        array, shape (REFERENCE,)
-        """
-        self._observe(positions_W, velocities_W, dt)
-        everyone = np.arange(len(self))
-        arrays = self._positions, self._velocities, self._team, self._scene, self._room
-        motion.advance_one(i, everyone, len(self), *arrays, float(dt), self._references)
-        self._check_progress(i)
-        return self._references[i].copy()
+        reference: NDArray[np.float64] = self._references[i].copy()
+        return reference
 
     def _advance(self, first: int, last: int, dt: float) -> int:
         room = self._room

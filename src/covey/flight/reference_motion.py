@@ -26,8 +26,8 @@ YAW_RATE, YAW_ACCELERATION, ARRIVED, CORNER, LAG, OPTIONS = range(16, 22)
 # columns of a virtual vehicle: position, velocity, filtered acceleration, yaw, yaw rate
 VIRTUAL = 11
 
-# columns of progress: path left, least path left so far, seconds since that fell, seconds until a stall is reported,
-# part of the allowance that is kept (none where it has barred every way)
+# columns of progress: path left, least path left so far (0 from arrival on), seconds since that fell, seconds until a
+# stall is reported, part of the allowance that is kept (none where it has barred every way)
 LEFT, BEST, SINCE, PATIENCE, SPARE, PROGRESS = range(6)
 ADVANCE = 0.05
 """Metres by which the path left has to shrink to count as progress, or a tenth of it where that is less."""
@@ -365,7 +365,11 @@ def advance(
 
         # How far it has come; a vehicle that is all but there has not stalled.
         progress[i, 0] = left
-        if left < o[ARRIVED] or left < progress[i, 1] - min(ADVANCE, 0.1 * progress[i, 1]):
+        if left < o[ARRIVED]:
+            off2 = (out[i, 0] - goals[i, 0]) ** 2 + (out[i, 1] - goals[i, 1]) ** 2 + (out[i, 2] - goals[i, 2]) ** 2
+            progress[i, 1] = 0.0 if off2 < o[ARRIVED] * o[ARRIVED] else min(left, progress[i, 1])
+            progress[i, 2] = 0.0
+        elif left < progress[i, 1] - min(ADVANCE, 0.1 * progress[i, 1]):
             progress[i, 1] = left
             progress[i, 2] = 0.0
         elif left < NEAR * o[ARRIVED]:

@@ -1,5 +1,6 @@
 """Mission files: what is to be seen, by whom, from where."""
 
+from covey.mission.digest import mission_digest
 from covey.mission.load import load_mission, mission_schema, parse_mission
 from covey.mission.model import (
     AgentSpec,
@@ -20,6 +21,7 @@ __all__ = [
     "SensorSpec",
     "Trade",
     "load_mission",
+    "mission_digest",
     "mission_schema",
     "parse_mission",
 ]

@@ -32,6 +32,8 @@ def build_flight(
     faults = _faults(section, names, report)
     if vehicle is None:
         return None
+    if section.max_speed_m_s is not None:
+        _check_speed(section, vehicle, report)
     spec = FlightSpec(
         vehicle=vehicle,
         altitude=section.altitude_m,
@@ -54,6 +56,17 @@ def build_flight(
     )
     _check_layers(spec, len(names), report)
     return spec
+
+
+def _check_speed(section: FlightSection, vehicle: str, report: Report) -> None:
+    """Check that vehicles this fast can still keep apart (P4)."""
+    from covey.flight.navigation_options import NavigationOptions
+    from covey.flight.parameters import load_vehicle
+
+    try:
+        NavigationOptions.for_vehicle(load_vehicle(vehicle), max_speed=section.max_speed_m_s)
+    except CoveyError as error:
+        report.add(("flight", "max_speed_m_s"), f"vehicles could not keep apart at this speed: {error}")
 
 
 def _vehicle(name: str, report: Report, folder: Path) -> str | None:

@@ -171,10 +171,11 @@ def draw_poses(agents: Sequence[AgentSpec], *, seed: int, spacing: float = 0.0) 
     result = []
     for index, agent in enumerate(agents):
         if agent.drawn:
-            for draw in range(DRAWS):
+            pose = draw_pose(agent.region, seed=seed, index=index)
+            draw = 1
+            while draw < DRAWS and any(math.dist((pose.x, pose.y), (other.x, other.y)) < spacing for other in taken):
                 pose = draw_pose(agent.region, seed=seed, index=index, draw=draw)
-                if all(math.dist((pose.x, pose.y), (other.x, other.y)) >= spacing for other in taken):
-                    break
+                draw += 1
             taken.append(pose)
             agent = replace(agent, pose=pose)
         result.append(agent)

@@ -80,7 +80,7 @@ class Holdings:
         self.epoch = 0
         self._mine = np.zeros(len(records), dtype=np.bool_)
         self.own: RecordSlice
-        self._derive()
+        self._take_stock()
 
     @property
     def pose_record(self) -> PoseRecord:
@@ -106,7 +106,7 @@ class Holdings:
         self.records.merge(commit.records)
         self.poses.merge(server, commit.server_pose)
         self.poses.merge(commit.sender.agent, commit.client_pose)
-        self._derive()
+        self._take_stock()
 
     def learn(self, records: RecordSlice, poses: Mapping[int, PoseRecord]) -> bool:
         """Merge what another knows; return whether the agent's own landmarks changed.
@@ -125,14 +125,14 @@ class Holdings:
         if np.array_equal(before, own):
             self.own = self.records.slice(own)
             return False
-        self._derive()
+        self._take_stock()
         return True
 
     def adopt(self, landmarks: NDArray[np.int64]) -> RecordSlice:
         """Take landmarks over, one generation up; return their new records."""
         adopted = self.records.slice(landmarks).adopted_by(*self.sender)
         self.records.merge(adopted)
-        self._derive()
+        self._take_stock()
         return adopted
 
     def overrule_pose(self) -> None:
@@ -142,16 +142,19 @@ class Holdings:
     def commit_pose(self, pose: Pose2) -> None:
         """Commit a pose for this agent itself."""
         self.poses.merge(self.sender.agent, self.pose_record.next(pose))
-        self._derive()
+        self._renew()
 
     def never_again(self, pose: Pose2) -> None:
         """Remember a pose that could not be reached."""
         self.avoid += (pose,)
-        self._derive()
+        self._renew()
 
-    def _derive(self) -> None:
-        self.epoch += 1
+    def _take_stock(self) -> None:
         self.own = self.records.slice(self.records.owned_by(*self.sender))
         self._mine[:] = False
         self._mine[self.own.indices] = True
+        self._renew()
+
+    def _renew(self) -> None:
+        self.epoch += 1
         self.state = AgentState(self.sender.agent, self.pose_record.pose, self.own.indices, self.avoid)

@@ -204,7 +204,7 @@ def _deployment(root: CheckedValue, folder: Path | None) -> Deployment:
         certificate=_read_certificate(root.get("certificate")),
         bound=_read_bound(root.get("bound")),
         baseline=_read_baseline(root.get("baseline")),
-        flight=None if (flight := root.get("flight")) is None else read_flight(flight),
+        flight=None if root.mapping().get("flight") is None else read_flight(root["flight"]),
         timing_s={key: value.known(math.nan) for key, value in root["timing_s"].members()},
         software={key: value.text() for key, value in root["software"].members()},
     )

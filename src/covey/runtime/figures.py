@@ -136,6 +136,15 @@ def save_figure(figure: Figure, file: str | Path | IO[bytes], *, kind: str | Non
         figure.savefig(file, format=kind, dpi=DPI, **options)
 
 
+def save_pages(figures: Sequence[Figure], file: str | Path) -> None:
+    """Save figures as the pages of one PDF file; the same figures give the same bytes."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    with mpl.rc_context(STYLE), PdfPages(file, metadata={"CreationDate": None, "Creator": "covey"}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+
+
 def _draw_scores(ax: Axes, deployment: Deployment) -> None:
     scores = np.array([entry.score for entry in deployment.history] or [deployment.score.final])
     steps = np.arange(len(scores))

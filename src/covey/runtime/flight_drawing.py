@@ -219,10 +219,15 @@ def draw_lines(ax: Axes, log: FlightLog, chosen: Sequence[int], values: NDArray[
 
 
 def scale_logarithmically(ax: Axes, values: NDArray[np.float64], *, span: float) -> float:
-    """Scale y logarithmically, downwards to the largest value over `span` at most, and return that lower limit."""
+    """Scale y logarithmically, downwards to the largest value over `span` at most, and return that lower limit.
+
+    Where nothing is above zero, as for a vehicle that follows exactly, the scale stays linear and the limit is 0.
+    """
     positive = values[np.isfinite(values) & (values > 0.0)]
-    top = float(positive.max()) if len(positive) else 1.0
-    low = max(float(positive.min()) if len(positive) else 0.1, top / span)
+    if not len(positive):
+        return 0.0
+    top = float(positive.max())
+    low = max(float(positive.min()), top / span)
     ax.set_yscale("log")
     ax.set_ylim(low / 2.0, 2.0 * top)
     decades = math.ceil(math.log10(4.0 * top / low))

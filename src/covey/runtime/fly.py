@@ -173,7 +173,7 @@ class _Sortie:
     def go_to(self, agent: int, pose: Pose2) -> None:
         """Send an agent's vehicle to a pose at its altitude."""
         if agent in self.fleet.lost:
-            self._held[agent] = self._pose(agent)
+            self._held[agent] = self._clipped(agent)
             return
         way = math.hypot(pose.x - self._pose(agent).x, pose.y - self._pose(agent).y)
         turn = abs(wrap_angle(pose.yaw - self.fleet.yaw(agent)))

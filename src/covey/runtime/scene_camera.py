@@ -331,7 +331,7 @@ def _context(width: int, height: int) -> Any:
             os.environ["MUJOCO_GL"] = platform
         try:
             return importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
-        except (ImportError, AttributeError, OSError, RuntimeError, TypeError, *_opengl_errors()) as error:
+        except _refusals() as error:
             failures.append(f"{platform}: {type(error).__name__}: {error}")
         finally:
             if unset:
@@ -343,13 +343,13 @@ def _context(width: int, height: int) -> Any:
     )
 
 
-def _opengl_errors() -> tuple[type[Exception], ...]:
-    """What PyOpenGL raises where a driver refuses, if it is there."""
+def _refusals() -> tuple[type[Exception], ...]:
+    """What is raised where a package or library is missing or a driver refuses."""
+    errors = (ImportError, AttributeError, OSError, RuntimeError, TypeError)
     try:
-        errors = importlib.import_module("OpenGL.error")
+        return (*errors, importlib.import_module("OpenGL.error").Error)
     except ImportError:
-        return ()
-    return (errors.Error,)
+        return errors
 
 
 __all__ = ["SceneCamera", "Stage", "View", "frame_all", "pictures", "why_no_pictures"]

@@ -132,9 +132,9 @@ def _write_log(
         return
     deployment = None if flight is None else flight.deployment
     obstacles = () if flight is None else flight.obstacles
-    figure = flight_figures.flight_overview(log, deployment, obstacles=obstacles)
-    for kind in ("png", "pdf"):
-        figures.save_figure(figure, staging / f"flight.{kind}")
+    drawn = flight_figures.flight_figures(log, deployment, obstacles=obstacles)
+    figures.save_figure(drawn["overview"], staging / "flight.png")
+    figures.save_pages(list(drawn.values()), staging / "flight.pdf")
     if film:
         from covey.runtime.film import write_film
         from covey.runtime.film_scene import film_scene

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.flight.navigation import Navigator
+from covey.flight.navigation import NavigationOptions, Navigator
 from covey.flight.obstacles import Obstacle
 from covey.flight.parameters import VehicleParameters, load_vehicle
 from covey.flight.sensing import SensorNoise
@@ -64,8 +63,9 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
     """Build the fleet of a mission, one vehicle an agent, standing at the agents' starting poses."""
     spec = mission.flight
     vehicle = load_vehicle(spec.vehicle)
-    if spec.max_speed is not None:
-        vehicle = replace(vehicle, limits=replace(vehicle.limits, max_speed=spec.max_speed))
+    options = NavigationOptions.for_vehicle(
+        vehicle, **({} if spec.max_speed is None else {"max_speed": spec.max_speed})
+    )
     vehicles = [vehicle] * len(mission.agents)
     positions = np.array([[agent.pose.x, agent.pose.y, 0.0] for agent in mission.agents])
     yaws = np.array([agent.pose.yaw for agent in mission.agents])
@@ -75,7 +75,7 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
     return Fleet(
         simulator,
         [agent.name for agent in mission.agents],
-        navigator=Navigator(vehicles, obstacles=spec.obstacles),
+        navigator=Navigator(vehicles, spec.obstacles, options),
         kind=kind,
         arrival=Arrival(spec.arrival_position, spec.arrival_yaw),
         log_every=LOG_EVERY,

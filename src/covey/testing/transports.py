@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from covey.geometry import Pose2
 from covey.protocol import Busy, Commit, Heartbeat, Offer, PoseRecord, RecordSlice, Request, Sender, TradeId
-from covey.transports import Transport
+from covey.transports import RealTransport, Transport
 
 Connect = Callable[[Sequence[int]], tuple[Sequence[Transport], Callable[[], None]]]
 """Opens one access for each agent; the second result waits until all that was sent has arrived."""
+
+ConnectReal = Callable[[Sequence[int]], tuple[Sequence[RealTransport], Callable[[], None]]]
+"""The same for transports between processes."""
+
+PATIENCE = 30.0
+"""How long to wait, seconds, for what must happen."""
 
 
 def check_transport(connect: Connect) -> None:
@@ -33,10 +40,30 @@ def check_transport(connect: Connect) -> None:
         check_nothing_is_changed,
         check_nothing_is_made_up,
         check_strangers,
+        check_conversation,
         check_publishing,
+        check_newest_wins,
         check_closing,
     ):
         check(connect)
+
+
+def check_real_transport(connect: ConnectReal) -> None:
+    """Run every check on a transport between processes, which may be used from any thread.
+
+    Parameters
+    ----------
+    connect : callable
+        As for `check_transport`; while the second result waits, time passes outside.
+
+    Raises
+    ------
+    AssertionError
+        If a check fails; the text says which and how.
+    """
+    check_transport(connect)
+    check_threads(connect)
+    check_waiting(connect)
 
 
 def check_addressing(connect: Connect) -> None:
@@ -96,6 +123,21 @@ def check_strangers(connect: Connect) -> None:
     _require(b.receive() == [_busy(0, 2)], "send: a message to nobody must vanish")
 
 
+def check_conversation(connect: Connect) -> None:
+    """Question and answer, again and again, in both directions and with copies."""
+    (a, b), settle = connect([0, 1])
+    for number in range(3):
+        for asker, other in ((a, b), (b, a)):
+            for _ in range(2):  # a copy of the question, as a client sends that heard nothing
+                asker.send(other.agent, _busy(asker.agent, number))
+            settle()
+            _require(len(other.receive()) == 2, "send: a question and its copy must arrive")
+            for _ in range(2):
+                other.send(asker.agent, _busy(other.agent, number))
+            settle()
+            _require(len(asker.receive()) == 2, "send: an answer and its copy must arrive")
+
+
 def check_publishing(connect: Connect) -> None:
     """The newest heartbeat reaches all others, and not its sender."""
     (a, b, c), settle = connect([0, 1, 2])
@@ -111,9 +153,66 @@ def check_publishing(connect: Connect) -> None:
     _require(a.receive() == [], "publish: the sender must not hear itself")
 
 
+def check_newest_wins(connect: Connect) -> None:
+    """Whatever becomes of many heartbeats in a row, the next one arrives, and each at most once."""
+    (a, b), settle = connect([0, 1])
+    for sequence in range(1, 51):
+        a.publish(_heartbeat(0, sequence))
+    settle()
+    a.publish(_heartbeat(0, 51))
+    settle()
+    beats = [message.sequence for message in b.receive() if isinstance(message, Heartbeat)]
+    _require(max(beats, default=0) == 51, f"publish: expected the newest heartbeat, got numbers {beats}")
+    _require(len(set(beats)) == len(beats), f"publish: a heartbeat is handed out once, got numbers {beats}")
+
+
+def check_threads(connect: Connect) -> None:
+    """Several threads may send and receive at once, and still each message is handed out once."""
+    (a, b), settle = connect([0, 1])
+    got: list[int] = []
+    done = threading.Event()
+
+    def send(first: int) -> None:
+        for number in range(first, 100, 4):
+            a.send(1, _busy(0, number))
+
+    def receive() -> None:
+        while not done.wait(0.001):
+            got.extend(message.trade.number for message in b.receive() if isinstance(message, Busy))
+
+    senders = [threading.Thread(target=send, args=[first]) for first in range(4)]
+    receivers = [threading.Thread(target=receive) for _ in range(2)]
+    for thread in (*senders, *receivers):
+        thread.start()
+    for thread in senders:
+        thread.join()
+    settle()
+    done.set()
+    for thread in receivers:
+        thread.join()
+    got += [message.trade.number for message in b.receive() if isinstance(message, Busy)]
+    _require(sorted(got) == list(range(100)), "threads: messages lost or doubled")
+
+
+def check_waiting(connect: ConnectReal) -> None:
+    """Waiting ends when something arrives, when the time is over, and when the access is closed."""
+    (a, b), _ = connect([0, 1])
+    _require(not b.wait(0.0), "wait: nothing has arrived yet")
+    a.send(1, _busy(0, 1))
+    _require(b.wait(PATIENCE), "wait: something has arrived")
+    _require(b.wait(PATIENCE), "wait: it is still there")
+    b.receive()
+    _require(not b.wait(0.0), "wait: everything has been handed out")
+    closing = threading.Timer(0.05, b.close)
+    closing.start()
+    _require(not b.wait(PATIENCE), "wait: nothing arrives after closing")
+    closing.join()
+
+
 def check_closing(connect: Connect) -> None:
     """Who has left gets nothing and says nothing, and the others go on."""
     (a, b, c), settle = connect([0, 1, 2])
+    b.close()
     b.close()
     a.send(1, _busy(0, 1))
     b.send(0, _busy(1, 1))
@@ -147,4 +246,4 @@ def _require(holds: bool, text: str) -> None:
         raise AssertionError(text)
 
 
-__all__ = ["Connect", "check_transport"]
+__all__ = ["Connect", "ConnectReal", "check_real_transport", "check_transport"]

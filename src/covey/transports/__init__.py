@@ -1,6 +1,6 @@
-"""How messages travel between agents."""
+"""How messages travel between agents; `covey.transports.zenoh` is imported where it is needed."""
 
-from covey.transports.base import Transport
+from covey.transports.base import RealTransport, Transport
 from covey.transports.loopback import Loopback, LoopbackEndpoint, Step
 
-__all__ = ["Loopback", "LoopbackEndpoint", "Step", "Transport"]
+__all__ = ["Loopback", "LoopbackEndpoint", "RealTransport", "Step", "Transport"]

@@ -41,3 +41,14 @@ class Transport(Protocol):
     def close(self) -> None:
         """Leave: nothing arrives any more, and what is sent goes nowhere."""
         ...
+
+
+class RealTransport(Transport, Protocol):
+    """A transport between processes, where time passes outside; every method may be called from any thread.
+
+    It is checked with `covey.testing.check_real_transport`.
+    """
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, seconds at most; whether it has."""
+        ...

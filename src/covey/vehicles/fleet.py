@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.flight.arrival import arrived, tumbling
 from covey.flight.backstepping import control_all
 from covey.flight.disturbance import DisturbanceEstimate
 from covey.flight.layout import COMMAND, QUAT, SIGNALS, P, V
 from covey.flight.navigation import Navigator, Status
 from covey.flight.obstacles import Obstacle
 from covey.flight.parameters import VehicleParameters
-from covey.flight.rotation import tilt_of, yaw_of
+from covey.flight.rotation import yaw_of
 from covey.flight.separation import min_separation
 from covey.flight.simulator import Simulator
 from covey.flight.trajectories import Trajectory
-from covey.geometry import wrap_angle
 from covey.vehicles.flight_log import FlightLog, FlightRecorder
 from covey.vehicles.kinematic import KinematicSimulator
 
@@ -33,8 +33,8 @@ ON_GROUND = 0.3
 or stands.
 """
 
-TUMBLING, TUMBLED_FOR = math.radians(100.0), 0.5
-"""A vehicle tilted by more than this for so many seconds does not fly any more."""
+TUMBLED_FOR = 0.5
+"""A vehicle that has been upside down for so many seconds does not fly any more."""
 
 
 class Kind(enum.Enum):
@@ -136,6 +136,7 @@ class Fleet:
         self._powered = np.zeros(n, dtype=np.bool_)
         self._since = np.full(n, np.nan)  # since when a vehicle has been at its goal
         self._tumbling = np.zeros(n)
+        self._flags = np.zeros(n, dtype=np.bool_)
         self._collisions = 0
         self._squares = 0.0
         self._squares_of = 0
@@ -261,9 +262,7 @@ class Fleet:
         flying = self._powered & (state[:, P + 2] > ON_GROUND)
         separation = min_separation(state[flying, P : P + 3], self.vertical_ratio) if flying.sum() > 1 else math.inf
         self.min_separation = min(self.min_separation, separation)
-        for i in np.flatnonzero(self._powered):
-            self._watch_arrival(int(i), now)
-            self._watch_attitude(int(i), now)
+        self._watch_vehicles(now)
         errors = state[flying, P : P + 3] - references[flying, :3]
         self._squares += float((errors * errors).sum())
         self._squares_of += len(errors)
@@ -289,23 +288,16 @@ class Fleet:
                 score_flown=flown,
             )
 
-    def _watch_arrival(self, i: int, now: float) -> None:
-        goal, state, arrival = self._goals[i], self.state[i], self._arrival
-        at_goal = (
-            math.dist(goal[:3], state[P : P + 3]) <= arrival.position
-            and abs(wrap_angle(self.yaw(i) - float(goal[3]))) <= arrival.yaw
-            and math.hypot(*state[V : V + 3]) <= arrival.speed
-        )
-        if not at_goal:
-            self._since[i] = np.nan
-        elif math.isnan(self._since[i]):
-            self._since[i] = now
-
-    def _watch_attitude(self, i: int, now: float) -> None:
-        tumbling = tilt_of(self.state[i, QUAT : QUAT + 4]) > TUMBLING
-        self._tumbling[i] = self._tumbling[i] + CONTROL_PERIOD if tumbling else 0.0
-        if self._tumbling[i] > TUMBLED_FOR and i not in self.lost:
-            self.lose(i, "tumbles")
+    def _watch_vehicles(self, now: float) -> None:
+        """Note since when each vehicle has been at its goal, and give up those that have tipped over for good."""
+        limits = self._arrival
+        arrived(self.state, self._goals, limits.position, limits.yaw, limits.speed, self._flags)
+        self._since = np.where(self._flags, np.fmin(self._since, now), np.nan)
+        tumbling(self.state, self._flags)
+        self._tumbling = np.where(self._flags & self._powered, self._tumbling + CONTROL_PERIOD, 0.0)
+        if self._tumbling.max() > TUMBLED_FOR:
+            for i in np.flatnonzero(self._tumbling > TUMBLED_FOR):
+                self.lose(int(i), "tumbles")
 
     def lose(self, vehicle: int, why: str) -> None:
         """Give a vehicle up: its motors stop, and the others fly around where it lies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -112,7 +113,7 @@ class FlightLog:
             If the file is no flight log that this covey reads.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 head = json.loads(str(file["head"]))
                 if head["version"] != VERSION:
                     raise ResultError(f"{path}: expected a flight log of version {VERSION}, got {head['version']}")
@@ -123,7 +124,7 @@ class FlightLog:
                 plain = {name: head[name] for name in _PLAIN}
                 plain |= {name: tuple(plain[name]) for name in ("names", "models")}
                 return cls(**plain, **{name: file[name] for name in _ARRAYS}, events=events)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, EOFError, zipfile.BadZipFile, ValueError, KeyError, TypeError) as error:
             raise ResultError(f"{path}: expected a flight log written by covey fly, got {error}") from error
 
 

@@ -33,15 +33,18 @@ FIGURES = {
 }
 
 
-def check(scene: Scene, *, lag: float = 0.0, noise: float = 0.0, allowed: float = 0.0, longest: float = 180.0) -> float:
-    """Fly a scene: nobody too close (but for what is allowed, metres), everybody arrives.  Returns the separation."""
+def check(scene: Scene, *, lag: float = 0.0, noise: float = 0.0, longest: float = 180.0) -> float:
+    """Fly a scene: nobody too close, everybody arrives.  Returns the separation."""
     vehicle = load_vehicle(scene.vehicle)
     plant = Plant(scene.starts, lag, noise * vehicle.body_radius)
-    outcome = fly(scene.navigator(), plant, ratio=vehicle.vertical_ratio, obstacles=scene.obstacles, longest=longest)
-    assert outcome.least_separation >= vehicle.required_separation - allowed
+    navigator = scene.navigator(lag=0.4 + lag) if lag else scene.navigator()
+    outcome = fly(
+        navigator, plant, ratio=vehicle.vertical_ratio, obstacles=scene.obstacles, longest=longest, linger=5.0
+    )
+    assert outcome.least_separation >= vehicle.required_separation
     assert outcome.least_clearance > vehicle.body_radius
     assert outcome.all_arrived, outcome.status
-    np.testing.assert_allclose(plant.p, scene.goals, atol=0.05)
+    np.testing.assert_allclose(plant.p, scene.goals, atol=0.1 if noise else 0.05)
     return outcome.least_separation
 
 
@@ -65,8 +68,7 @@ def test_random_scenes(seeds: Callable[[int, int], range]) -> None:
 def test_random_scenes_with_lag_and_noise(seeds: Callable[[int, int], range]) -> None:
     """First-order lag of 0.25 s, which the navigator is told of; position noise of 2 % of the body radius."""
     for seed in seeds(40, 1000):
-        scene = random_scene(5000 + seed)
-        check(scene, lag=0.25, noise=0.02, allowed=0.05 * load_vehicle(scene.vehicle).required_separation)
+        check(random_scene(5000 + seed), lag=0.25, noise=0.02)
 
 
 @pytest.mark.parametrize("seed", [3, 4, 7, 9])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +103,7 @@ def test_waypoints_are_reached_before_the_agent_is_heard_of_again(calm: Flight) 
         changes = [moment for moment in calm.moments if moment.time > 0.0]
         legs = [
             (first, second)
-            for first, second in zip(changes[:-1], changes[1:], strict=True)
+            for first, second in itertools.pairwise(changes)
             if first.poses[agent] != second.poses[agent]
         ]
         for first, second in legs:
@@ -134,6 +136,14 @@ def test_a_motor_stops(calm: Flight) -> None:
     assert seen == pytest.approx(flight.deployment.score.final)
     assert 0.5 * calm.deployment.score.final < seen < calm.deployment.score.final
     assert any(entry.event == "lost" for entry in flight.deployment.history)
+
+
+def test_whoever_is_lost_the_rest_is_proved(seeds: Callable[[int, int], range]) -> None:
+    """At any time of the flight; also when a trade has just sent the lost one elsewhere."""
+    for seed in seeds(4, 60):
+        names = [agent["name"] for agent in SCENE["agents"]]
+        fault = {"at_s": 6.0 + 3.0 * seed, "motor": {"agent": names[seed % 3], "rotor": seed % 4}}
+        lives_up_to_its_word(fly(scene(faults=[fault]), vehicles="reference", seed=seed))
 
 
 def test_an_obstacle_appears_on_a_waypoint(calm: Flight) -> None:

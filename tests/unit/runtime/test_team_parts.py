@@ -40,7 +40,7 @@ def test_streams_are_independent_and_repeat() -> None:
 
 def test_the_numbers_of_streams_are_part_of_what_a_seed_means() -> None:
     assert {stream.name: int(stream) for stream in Stream} == {
-        "ASSIGNMENT": 2, "PLANNER": 3, "BUS": 4, "NODE": 5, "PROOF": 6, "BASELINE": 7, "BOUND": 8,
+        "ASSIGNMENT": 2, "PLANNER": 3, "BUS": 4, "NODE": 5, "PROOF": 6, "BASELINE": 7, "BOUND": 8, "WEATHER": 9,
     }  # fmt: skip
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from covey.environment import Landmarks
 from covey.errors import ArgumentError, InputError
+from covey.geometry import Region
+from covey.optimize import Exact, PoseProblem
 from covey.sensing import MODELS, Anisotropic, Isotropic, Oriented, VisibilityModel, build_model
 from covey.testing.visibility import sample_landmarks, sample_poses
 
@@ -146,3 +148,13 @@ def test_an_unknown_option_is_refused() -> None:
         build_model("anisotropic", {"field_of_view": 1.0})
     with pytest.raises(InputError, match="as in VisibilityModel"):
         build_model("covey.geometry:Pose2", {"x": 0.0, "y": 0.0, "yaw": 0.0})
+
+
+def test_a_blind_camera_sees_nothing() -> None:
+    """What a lost vehicle gets: every rule of a model holds, and there is nothing to see or to find."""
+    blind = build_model("blind")
+    landmarks = Landmarks(np.random.default_rng(0).uniform(-3.0, 3.0, (20, 2)))
+    np.testing.assert_array_equal(blind.visibility(np.zeros((3, 3)), landmarks), np.zeros((3, 20)))
+    assert blind.maximum == 0.0
+    result = Exact().maximize(PoseProblem(blind, landmarks, Region.box(-3, 3, -3, 3)), rng=np.random.default_rng(0))
+    assert (result.score, result.upper_bound) == (0.0, 0.0)

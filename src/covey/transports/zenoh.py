@@ -1,0 +1,337 @@
+"""Agents in different processes and on different machines, joined by Zenoh.
+
+::
+
+    covey/<mission>/trade/<to>/<from>             a query; the other's next message to the asker is the answer
+    covey/<mission>/state/<agent>                 heartbeats; under congestion they are dropped, the next is newer
+    covey/<mission>/log/<agent>                   events; under congestion the writer waits
+    covey/<mission>/alive/<agent>/<incarnation>   liveliness token
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from functools import partial
+from typing import cast
+
+import zenoh
+from zenoh.handlers import Callback
+
+from covey.errors import Drop
+from covey.protocol import Event, Heartbeat, Message, Sender
+from covey.transports.codec import EVERYBODY, Channel, Codec
+from covey.transports.inbox import Arrival, Inbox
+from covey.transports.network import NetworkOptions, mission_prefix, open_session
+
+# Callbacks run on Zenoh's own threads and only store what came; nothing here calls Zenoh while it holds a lock.
+
+
+class ZenohTransport:
+    """One agent's access to the others; a `covey.transports.Transport`.
+
+    Parameters
+    ----------
+    sender : Sender
+        The agent and which life of it this is; the incarnation must rise at each start.
+    codec : Codec
+        Of the mission.
+    options : NetworkOptions
+
+    Raises
+    ------
+    NetworkError
+        If the network cannot be joined.
+
+    Notes
+    -----
+    A message goes as a query.  The answer to it, if it is ready within the half of `answer_timeout`, comes back by the
+    same way; any other message is a query of its own.  A query that ends without an answer says nothing: the other may
+    be dead, slow, or have nothing to say.  Every method may be called from any thread.  Do not fork a process that has
+    one open.
+    """
+
+    def __init__(self, sender: Sender, codec: Codec, options: NetworkOptions) -> None:
+        self.sender = sender
+        self._codec = codec
+        self._timeout = options.answer_timeout
+        self._prefix = mission_prefix(codec.digest)
+        self._inbox = Inbox(codec, sender.agent)
+        self._lock = threading.Lock()
+        self._number = 0
+        self._held: dict[int, tuple[zenoh.Query, float]] = {}  # by asker: what to answer by, and until when
+        self._tokens: dict[int, tuple[int, bool]] = {}  # by agent: its newest life, and whether its token is there
+        self._counts = {"unanswered": 0, "unsent": 0}
+        self._closed = False
+        self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
+        agent = sender.agent
+        self._session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
+        self._session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
+        self._state = self._session.declare_publisher(
+            f"{self._prefix}/state/{agent}",
+            congestion_control=zenoh.CongestionControl.DROP,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+        self._log = self._session.declare_publisher(
+            f"{self._prefix}/log/{agent}",
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+        liveliness = self._session.liveliness()
+        liveliness.declare_subscriber(
+            f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
+        )
+        self._token = liveliness.declare_token(f"{self._prefix}/alive/{agent}/{sender.incarnation}")
+
+    @property
+    def agent(self) -> int:
+        """Whose access it is."""
+        return self.sender.agent
+
+    @property
+    def arrived(self) -> int:
+        """How many messages have arrived so far, those that are dropped later among them."""
+        return self._inbox.arrived
+
+    @property
+    def dropped(self) -> Mapping[Drop, int]:
+        """How many arrivals were dropped so far, by cause."""
+        return self._inbox.dropped
+
+    @property
+    def unanswered(self) -> int:
+        """How many queries ended without an answer so far."""
+        with self._lock:
+            return self._counts["unanswered"]
+
+    @property
+    def unsent(self) -> int:
+        """How many messages the network did not take so far."""
+        with self._lock:
+            return self._counts["unsent"]
+
+    @property
+    def peers(self) -> frozenset[Sender]:
+        """The other agents whose tokens are there, each in its newest life."""
+        return self._by_token(present=True)
+
+    @property
+    def suspects(self) -> frozenset[Sender]:
+        """The other agents whose tokens were there and are lost: by death, or because the way to them broke."""
+        return self._by_token(present=False)
+
+    def send(self, to: int, message: Message) -> None:
+        """Send a message to one agent.
+
+        Raises
+        ------
+        ArgumentError
+            If the message is longer than the codec allows.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            number = self._next_number()
+            held = self._held.pop(to, None)
+        data = self._codec.encode(message, sender=message.sender, to=to, number=number)
+        try:
+            if held is None or not _answer(*held, data):
+                self._ask(to, data)
+        except zenoh.ZError:
+            self._count("unsent")
+
+    def publish(self, heartbeat: Heartbeat) -> None:
+        """Publish the newest state to all others that listen; under congestion it may be lost, so repeat it."""
+        self._put(self._state, heartbeat.sender, heartbeat)
+
+    def log(self, event: Event) -> None:
+        """Publish an event to observers; waits while one of them is slow, and Zenoh gives it up after 5 s."""
+        self._put(self._log, self.sender, event)
+
+    def receive(self) -> list[Message]:
+        """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
+        return cast("list[Message]", self._inbox.take())  # no events: they travel by a channel of their own
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, seconds at most; whether it has."""
+        return self._inbox.wait(timeout)
+
+    def close(self) -> None:
+        """Leave: nothing arrives any more, and what is sent goes nowhere."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            held, self._held = self._held, {}
+        self._inbox.close()
+        for query, _ in held.values():
+            query.drop()
+        self._session.close()
+
+    # What goes out.
+
+    def _next_number(self) -> int:
+        self._number += 1
+        return self._number
+
+    def _put(self, publisher: zenoh.Publisher, sender: Sender, content: Heartbeat | Event) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            number = self._next_number()
+        data = self._codec.encode(content, sender=sender, to=EVERYBODY, number=number)
+        try:
+            publisher.put(data)
+        except zenoh.ZError:
+            self._count("unsent")
+
+    def _ask(self, to: int, data: bytes) -> None:
+        answers: list[zenoh.Reply] = []
+        self._session.get(
+            f"{self._prefix}/trade/{to}/{self.agent}",
+            Callback(partial(self._on_reply, to, answers), partial(self._on_end, answers), indirect=False),
+            payload=data,
+            timeout=self._timeout,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+
+    def _count(self, what: str) -> None:
+        with self._lock:
+            self._counts[what] += 1
+
+    # What comes in, on Zenoh's threads.
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        sender = _agent(str(query.key_expr))
+        payload = query.payload
+        if sender is None or payload is None or len(payload) > self._codec.max_bytes:
+            self._inbox.count(Drop.MALFORMED if sender is None or payload is None else Drop.TOO_LONG)
+            query.drop()
+            return
+        self._inbox.put(Arrival(payload.to_bytes(), sender, Channel.TRADE, partial(self._hold, sender, query)))
+
+    def _on_reply(self, to: int, answers: list[zenoh.Reply], reply: zenoh.Reply) -> None:
+        answers.append(reply)
+        sample = reply.ok
+        if isinstance(sample, zenoh.Sample):
+            self._store(sample.payload, to, Channel.TRADE)
+        else:
+            self._inbox.count(Drop.MALFORMED)
+
+    def _on_end(self, answers: list[zenoh.Reply]) -> None:
+        if not answers:
+            self._count("unanswered")
+
+    def _on_state(self, sample: zenoh.Sample) -> None:
+        self._store(sample.payload, _agent(str(sample.key_expr)), Channel.STATE)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        *_, agent_name, incarnation_name = str(sample.key_expr).split("/")
+        agent, incarnation = _number(agent_name), _number(incarnation_name)
+        if agent is None or incarnation is None or agent >= self._codec.agents:
+            self._inbox.count(Drop.MALFORMED)
+            return
+        with self._lock:
+            if agent != self.agent and incarnation >= self._tokens.get(agent, (-1, False))[0]:
+                self._tokens[agent] = incarnation, sample.kind == zenoh.SampleKind.PUT
+
+    def _store(self, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
+        _store(self._inbox, self._codec, payload, sender, channel)
+
+    # On the thread of whoever calls.
+
+    def _hold(self, sender: int, query: zenoh.Query, accepted: bool) -> None:
+        """Keep a query so that the next message to the asker goes back by it."""
+        if not accepted:
+            query.drop()
+            return
+        with self._lock:
+            old = self._held.get(sender)
+            self._held[sender] = query, time.monotonic() + 0.5 * self._timeout
+        if old is not None:
+            old[0].drop()
+
+    def _by_token(self, *, present: bool) -> frozenset[Sender]:
+        with self._lock:
+            return frozenset(Sender(agent, life) for agent, (life, there) in self._tokens.items() if there is present)
+
+
+class ZenohObserver:
+    """Hears the states and events of a mission, and says nothing.
+
+    Parameters
+    ----------
+    codec : Codec
+        Of the mission.
+    options : NetworkOptions
+
+    Raises
+    ------
+    NetworkError
+        If the network cannot be joined.
+    """
+
+    def __init__(self, codec: Codec, options: NetworkOptions) -> None:
+        self._codec = codec
+        self._inbox = Inbox(codec, EVERYBODY)
+        self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
+        prefix = mission_prefix(codec.digest)
+        for channel in (Channel.STATE, Channel.LOG):
+            self._session.declare_subscriber(
+                f"{prefix}/{channel.value}/*", Callback(partial(self._on_sample, channel), indirect=False)
+            )
+
+    @property
+    def dropped(self) -> Mapping[Drop, int]:
+        """How many arrivals were dropped so far, by cause."""
+        return self._inbox.dropped
+
+    def receive(self) -> list[Heartbeat | Event]:
+        """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
+        return cast("list[Heartbeat | Event]", self._inbox.take())  # messages travel by a channel of their own
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, seconds at most; whether it has."""
+        return self._inbox.wait(timeout)
+
+    def close(self) -> None:
+        """Leave: nothing arrives any more."""
+        self._inbox.close()
+        self._session.close()
+
+    def _on_sample(self, channel: Channel, sample: zenoh.Sample) -> None:
+        _store(self._inbox, self._codec, sample.payload, _agent(str(sample.key_expr)), channel)
+
+
+def _answer(query: zenoh.Query, until: float, data: bytes) -> bool:
+    """Send a message by the way of a query, if that still leads anywhere; whether it does."""
+    with query:
+        in_time = time.monotonic() < until
+        if in_time:
+            query.reply(query.key_expr, data)
+        return in_time
+
+
+def _store(inbox: Inbox, codec: Codec, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
+    if sender is None:
+        inbox.count(Drop.MALFORMED)
+    elif len(payload) > codec.max_bytes:
+        inbox.count(Drop.TOO_LONG)
+    else:
+        inbox.put(Arrival(payload.to_bytes(), sender, channel))
+
+
+def _agent(key: str) -> int | None:
+    """Return the agent that a key ends with."""
+    return _number(key.rpartition("/")[2])
+
+
+def _number(text: str) -> int | None:
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 20 else None
+
+
+__all__ = ["ZenohObserver", "ZenohTransport"]
