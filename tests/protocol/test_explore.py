@@ -7,12 +7,10 @@ from collections.abc import Callable
 import pytest
 
 from covey.errors import ArgumentError
-from covey.faults import MUTANTS, Violation, explore
+from covey.faults import LARGEST, MUTANTS, SIZES, Exploration, Violation, explore
 
 
-@pytest.mark.parametrize(
-    ("agents", "asks"), [(2, (1, 1)), (2, (2, 0)), (3, (1, 0, 0)), (3, (0, 0, 1))], ids=lambda value: str(value)
-)
+@pytest.mark.parametrize(("agents", "asks"), SIZES, ids=str)
 def test_no_interleaving_with_a_crash_breaks_it(
     agents: int, asks: tuple[int, ...], record_property: Callable[[str, object], None]
 ) -> None:
@@ -23,9 +21,23 @@ def test_no_interleaving_with_a_crash_breaks_it(
     assert explored.states > 1000
 
 
-def test_two_agents_that_each_ask_twice(soak: bool) -> None:
-    explored = explore(2, asks=(2, 2), crash=soak)
-    assert explored.complete
+@pytest.mark.parametrize(
+    ("agents", "asks", "crash"), [(2, (1, 1), True), (3, (1, 0, 0), True), (3, (1, 1, 0), False)], ids=str
+)
+def test_what_is_passed_over_adds_nothing(agents: int, asks: tuple[int, ...], crash: bool) -> None:
+    def explored(*, reduced: bool) -> Exploration:
+        return explore(agents, asks=asks, crash=crash, reduced=reduced)
+
+    small, whole = explored(reduced=True), explored(reduced=False)
+    assert small.complete
+    assert whole.complete
+    assert small.states < whole.states
+    assert small.teams == whole.teams
+
+
+def test_three_agents_that_all_ask(soak: bool) -> None:
+    agents, asks = LARGEST if soak else (3, (1, 0, 1))
+    assert explore(agents, asks=asks, crash=soak).complete
 
 
 @pytest.mark.parametrize("name", ["no-escrow", "server-gives-up", "commit-in-two-steps"])

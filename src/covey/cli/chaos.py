@@ -6,7 +6,7 @@ import json as json_text
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -32,6 +32,10 @@ def chaos(
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes; by default one a processor.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON, nothing else.")] = False,
+    explore: Annotated[
+        Literal["quick", "full"] | None,
+        typer.Option(help="Instead of seeds, every interleaving of two and three agents; full takes many minutes."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Run simulated teams through lost messages, crashes and partitions, and check what must hold.
@@ -50,7 +54,12 @@ def chaos(
       covey chaos --seeds 1 --seed-start 4711
 
       covey chaos --seeds 200 --mutant no-escrow
+
+      covey chaos --explore quick
     """
+    if explore is not None:
+        explore_all(explore, mutant, json=json)
+        return
     from covey.faults import campaign
 
     begun = time.monotonic()
@@ -81,6 +90,35 @@ def chaos(
     if interruption.noted:
         raise typer.Exit(INTERRUPTED)
     if (mutant is None) == bool(report.violations):
+        raise typer.Exit(VIOLATED)
+
+
+def explore_all(size: Literal["quick", "full"], mutant: str | None, *, json: bool) -> None:
+    """Explore team after team, print how many states each has, and leave at a violation."""
+    from covey.faults import LARGEST, SIZES, Violation, protocol_named
+    from covey.faults import explore as explore_team
+
+    sizes = (*SIZES, LARGEST) if size == "full" else SIZES
+    results: list[dict[str, object]] = []
+    violation: Violation | None = None
+    for agents, asks in sizes:
+        try:
+            explored = explore_team(agents, asks=asks, node=protocol_named(mutant))
+        except Violation as found:
+            violation = found
+            break
+        counts = {"states": explored.states, "transitions": explored.transitions, "complete": explored.complete}
+        results.append({"agents": agents, "asks": asks, **counts})
+        if not json:
+            how = "complete" if explored.complete else "not complete"
+            opened = " + ".join(map(str, asks))
+            typer.echo(f"{agents} agents that open {opened} trades: {explored.states} states, {how}")
+    if json:
+        typer.echo(json_text.dumps({"explored": results, "violation": violation and str(violation)}, indent=2))
+    elif violation is not None:
+        typer.echo(f"violates {violation}")
+    complete = all(result["complete"] for result in results)
+    if (mutant is None and not complete) or (mutant is None) == (violation is not None):
         raise typer.Exit(VIOLATED)
 
 

@@ -1,15 +1,17 @@
 """Simulated misfortune for real nodes: networks that fail, agents that die, and what must hold all the same."""
 
-from covey.faults.campaign import Finding, Report, campaign, shrink
+from covey.faults.campaign import Finding, Report, campaign, protocol_named, shrink
 from covey.faults.checks import Checker, Violation
-from covey.faults.explore import Exploration, explore
+from covey.faults.explore import LARGEST, SIZES, Exploration, explore
 from covey.faults.mutants import MUTANTS
 from covey.faults.scenario import Crash, Cut, Isolation, Mode, Scenario, draw, simpler
 from covey.faults.simulator import Outcome, run
 from covey.faults.trace import describe
 
 __all__ = [
+    "LARGEST",
     "MUTANTS",
+    "SIZES",
     "Checker",
     "Crash",
     "Cut",
@@ -25,6 +27,7 @@ __all__ = [
     "describe",
     "draw",
     "explore",
+    "protocol_named",
     "run",
     "shrink",
     "simpler",

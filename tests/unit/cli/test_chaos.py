@@ -55,6 +55,18 @@ def test_bad_usage(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...
     assert run(capsys, *arguments)[0] == 2
 
 
+def test_every_interleaving(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("covey.faults.SIZES", ((2, (1, 1)),))
+    code, out, _ = run(capsys, "--explore", "quick")
+    assert (code, out) == (0, "2 agents that open 1 + 1 trades: 1437 states, complete\n")
+    code, out, _ = run(capsys, "--explore", "quick", "--json")
+    assert code == 0
+    assert json.loads(out)["explored"][0]["states"] == 1437
+    code, out, _ = run(capsys, "--explore", "quick", "--mutant", "no-escrow")
+    assert code == 0
+    assert out.startswith("violates I2")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_ctrl_c_keeps_what_is_known() -> None:
     command = [sys.executable, "-m", "covey", "chaos", "--seeds", "1000000", "--json", "--jobs", "2"]
