@@ -33,6 +33,7 @@ from covey.protocol import (
     Request,
     Send,
     Status,
+    between,
     within,
 )
 
@@ -222,7 +223,7 @@ def test_a_restarted_agent_goes_to_the_pose_it_remembers_and_owns_nothing_yet() 
 
 def test_agents_out_of_reach_do_not_trade() -> None:
     assert make(0, links=within(0.0)).poll(0.0, RNG)
-    far = make(0, links=lambda pose, other: False)
+    far = make(0, links=between([]))
     assert not sent(far.poll(0.0, RNG), Request)
     assert far.quiescent
     (request,) = sent(make(1).poll(0.0, RNG), Request)

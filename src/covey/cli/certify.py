@@ -22,7 +22,8 @@ def certify(
     """Check a deployment from its result alone, independently of how it was found.
 
     It holds when every landmark has exactly one owner, every pose is within sigma of the best one for its landmarks,
-    and no landmark is better seen by another agent by more than sigma. Exit code: 0 it holds, 1 it is violated,
+    and no landmark is better seen by another agent by more than sigma; where a mission limits who can trade, only
+    agents that are linked at their poses are compared, and the text says so. Exit code: 0 it holds, 1 it is violated,
     2 there is no result to check, 3 a bound is asked for and an optimiser failed, for example since a sensor is not
     built in. A deployment that leaves out landmarks, owns some twice or leaves its region has no bound to compare with.
 
@@ -33,7 +34,7 @@ def certify(
       covey certify covey-out/scene-7 --bound --json
     """
     from covey.cli.progress import ProgressLine
-    from covey.cli.summary import bound_line, certificate_line, printable
+    from covey.cli.summary import bound_line, certificate_line, link_lines, printable
     from covey.errors import ResultError, SolverError
     from covey.runtime.document import bound_document, certificate_document, to_text
     from covey.runtime.record import read_result
@@ -58,6 +59,8 @@ def certify(
         typer.echo(to_text(document), nl=False)
     else:
         typer.echo(f"{'Proof':<10}{certificate_line(certificate)}")
+        for line in link_lines(certificate):
+            typer.echo(f"  {line}")
         for violation in certificate.violations:
             typer.echo(f"  {violation.kind}: {printable(violation.message)}")
         if team_bound is not None:

@@ -67,8 +67,26 @@ def certificate_line(certificate: Certificate) -> str:
         return (
             f"holds for sigma = {certificate.sigma:g}: one owner a landmark, poses within "
             f"{certificate.worst_pose_gap:.2g} of the best, no trade gains more than {certificate.worst_trade_gain:.2g}"
+            f"{_among_linked(certificate)}"
         )
     return f"VIOLATED for sigma = {certificate.sigma:g}: {_count(len(certificate.violations), 'violation')}"
+
+
+def _among_linked(certificate: Certificate) -> str:
+    links = certificate.links
+    if links is None:
+        return ""
+    return f" among linked agents ({links.linked} of {_count(links.pairs, 'pair')}; the others were not compared)"
+
+
+def link_lines(certificate: Certificate) -> list[str]:
+    """Say who cannot trade with whom, not even through others."""
+    links = certificate.links
+    if links is None or links.connected:
+        return []
+    groups = [f"{printable(', '.join(group[:4]))}{', ...' if len(group) > 4 else ''}" for group in links.groups[:5]]
+    more = "; ..." if len(links.groups) > 5 else ""
+    return [f"not connected: {len(links.groups)} groups that cannot trade with each other: {'; '.join(groups)}{more}"]
 
 
 def bound_line(bound: TeamBound) -> str:
@@ -109,6 +127,7 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
     )
     if deployment.certificate is not None:
         facts.append(("Proof", certificate_line(deployment.certificate)))
+        facts += [("", line) for line in link_lines(deployment.certificate)]
         facts += [("", f"{item.kind}: {printable(item.message)}") for item in deployment.certificate.violations[:5]]
     else:
         facts.append(("Proof", f"none: {deployment.status.value}"))

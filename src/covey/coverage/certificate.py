@@ -41,6 +41,42 @@ class Violation:
 
 
 @dataclass(frozen=True)
+class LinkedPairs:
+    """Which agents could trade with each other, where not all could.
+
+    Parameters
+    ----------
+    linked, pairs : int
+        How many pairs are linked, and how many there are.
+    groups : tuple of tuple of str
+        Agents that are linked, directly or through others; more than one group: the graph is not connected.
+    """
+
+    linked: int
+    pairs: int
+    groups: tuple[tuple[str, ...], ...]
+
+    @property
+    def connected(self) -> bool:
+        """Whether everybody is linked with everybody, directly or through others."""
+        return len(self.groups) <= 1
+
+    @classmethod
+    def of(cls, names: Sequence[str], linked: NDArray[np.bool_]) -> LinkedPairs:
+        """Count the links of a symmetric matrix, shape (m, m)."""
+        m = len(names)
+        left, groups = set(range(m)), []
+        while left:
+            group, edge = set(), {min(left)}
+            while edge:
+                group |= edge
+                edge = set(np.flatnonzero(linked[sorted(edge)].any(axis=0)).tolist()) - group
+            left -= group
+            groups.append(tuple(names[i] for i in sorted(group)))
+        return cls(int(np.triu(linked, 1).sum()), m * (m - 1) // 2, tuple(groups))
+
+
+@dataclass(frozen=True)
 class Certificate:
     """Whether a deployment is a Voronoi configuration with tolerance sigma, and if not, where.
 
@@ -53,8 +89,10 @@ class Certificate:
     worst_pose_gap : float
         No agent could score more than this above its score by another pose: proved.
     worst_trade_gain : float
-        No landmark is seen better than by its owner by more than this.
+        No landmark is seen better than by its owner by more than this, by an agent that is linked to its owner.
     violations : tuple of Violation
+    links : LinkedPairs or None
+        Of which agents the trades were compared; None for all.
 
     Notes
     -----
@@ -66,6 +104,7 @@ class Certificate:
     worst_pose_gap: float
     worst_trade_gain: float
     violations: tuple[Violation, ...] = ()
+    links: LinkedPairs | None = None
 
 
 @dataclass(frozen=True)
@@ -100,16 +139,23 @@ def partition_violations(names: Sequence[str], sets: Sequence[NDArray[np.int64]]
 
 
 def trade_violations(
-    names: Sequence[str], visibility: NDArray[np.float64], sets: Sequence[NDArray[np.int64]], sigma: float
+    names: Sequence[str],
+    visibility: NDArray[np.float64],
+    sets: Sequence[NDArray[np.int64]],
+    sigma: float,
+    linked: NDArray[np.bool_] | None = None,
 ) -> tuple[float, list[Violation]]:
     """Check the second condition of Definition 3: (worst gain, violations).
 
-    `visibility` has shape (m, n), every agent's view of every landmark.
+    `visibility` has shape (m, n), every agent's view of every landmark.  With `linked`, shape (m, m), only agents that
+    are linked to the owner are compared with it.
     """
     violations = []
     worst = 0.0
     best = visibility.argmax(axis=0) if len(visibility) else np.zeros(0, dtype=np.int64)
     for i, landmarks in enumerate(sets):
+        if linked is not None:
+            best = np.where((linked[i] | (np.arange(len(sets)) == i))[:, None], visibility, -np.inf).argmax(axis=0)
         gain = visibility[best[landmarks], landmarks] - visibility[i, landmarks]
         worst = max(worst, float(gain.max(initial=0.0)))
         for k, amount in zip(landmarks[gain > sigma + ROUNDING], gain[gain > sigma + ROUNDING], strict=True):

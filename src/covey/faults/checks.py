@@ -200,7 +200,7 @@ class Checker:
                 gap = float(scores.max() - scores[round(node.pose.x)])
                 require(gap <= self.planner.sigma, "Definition 3", f"agent {agent} could see {gap:.6f} more")
         for a, b in itertools.permutations(self.nodes.values(), 2):
-            if links is None or links(a.pose, b.pose):
+            if links is None or links(a.agent, a.pose, b.agent, b.pose):
                 mine, theirs = (self.planner.visibility(node.agent, node.pose)[a.landmarks] for node in (a, b))
                 better = a.landmarks[mine < theirs - self.planner.sigma]
                 require(len(better) == 0, "Definition 3", f"agent {b.agent} sees {better} of agent {a.agent} better")

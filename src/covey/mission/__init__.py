@@ -5,6 +5,7 @@ from covey.mission.load import load_mission, mission_schema, parse_mission
 from covey.mission.model import (
     AgentSpec,
     Assignment,
+    CommunicationSpec,
     CoverageSpec,
     Mission,
     OptimizerName,
@@ -15,6 +16,7 @@ from covey.mission.model import (
 __all__ = [
     "AgentSpec",
     "Assignment",
+    "CommunicationSpec",
     "CoverageSpec",
     "Mission",
     "OptimizerName",

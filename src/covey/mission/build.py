@@ -19,6 +19,7 @@ from covey.mission.flight_schema import FlightSection
 from covey.mission.model import (
     AgentSpec,
     Assignment,
+    CommunicationSpec,
     CoverageSpec,
     Mission,
     OptimizerName,
@@ -34,6 +35,7 @@ from covey.mission.schema import (
     ORIENTED_MODELS,
     SCHEMA_VERSIONS,
     AgentSection,
+    CommunicationSection,
     CountSection,
     CoverageOptions,
     GeoreferenceSection,
@@ -60,6 +62,7 @@ class _Parts:
     sensor: SensorSection | None
     agents: list[AgentSection | None]
     coverage: CoverageOptions | None
+    communication: CommunicationSection | None
     georeference: GeoreferenceSection | None
     flight: FlightSection | None
 
@@ -84,6 +87,7 @@ def build(data: Any, report: Report, *, folder: Path, path: Path | None, seed: i
             file.sensor,
             list(_agents(file.agents)),
             file.coverage,
+            file.communication,
             file.georeference,
             file.flight,
         )
@@ -114,7 +118,7 @@ def _wrong(errors: list[ErrorDetails]) -> set[KeyPath]:
         match path:
             case _ if error["type"] == "extra_forbidden":
                 result.add(path)
-            case ("sensor" | "coverage" | "flight", _, *_):
+            case ("sensor" | "coverage" | "flight" | "communication", _, *_):
                 result.add(path[:2])
             case ("environment", "landmarks", key, *_) if key not in ("normals", "normals_deg"):
                 result.add(path[:3])
@@ -155,6 +159,7 @@ def _salvage(data: dict[str, Any]) -> _Parts:
             for agent in (agents if isinstance(agents, list) else [])
         ],
         _valid(CoverageOptions, data.get("coverage", {})),
+        _valid(CommunicationSection, data.get("communication")),
         _valid(GeoreferenceSection, data.get("georeference")),
         _valid(FlightSection, data.get("flight")),
     )
@@ -202,6 +207,7 @@ class _Builder:
         ]
         names = self._names(data.get("agents"))
         coverage = self._coverage(parts.coverage, names, None if landmarks is None else len(landmarks))
+        communication = self._communication(parts.communication, names)
         flight = build_flight(parts.flight, names, self._report, folder=self._folder)
         if (
             file is None
@@ -225,6 +231,7 @@ class _Builder:
                 [agent for agent in agents if agent is not None], seed=seed, spacing=flight.start_spacing
             ),
             coverage=coverage,
+            communication=communication,
             flight=flight,
             georeference=georeference,
             source=data,
@@ -342,6 +349,31 @@ class _Builder:
             first.setdefault(name, i)
         return list(first)
 
+    def _communication(self, section: CommunicationSection | None, names: list[str]) -> CommunicationSpec | None:
+        if section is None:
+            return None
+        path: KeyPath = ("communication",)
+        if (section.range_m is None) == (section.links is None):
+            self._report.add(path, "expected exactly one of range_m and links")
+            return None
+        if section.links is None:
+            return CommunicationSpec(range=section.range_m)
+        for i, pair in enumerate(section.links):
+            for k, name in enumerate(pair):
+                self._check_name(name, names, (*path, "links", i, k))
+            if pair[0] == pair[1]:
+                self._report.add((*path, "links", i), f"expected two agents, got {pair[0][:60]!r} twice")
+        return CommunicationSpec(links=tuple((pair[0], pair[1]) for pair in section.links))
+
+    def _check_name(self, name: str, names: list[str], path: KeyPath) -> None:
+        if names and name not in names:
+            near = nearest(name, names)
+            self._report.add(
+                path,
+                f"expected the name of an agent, got {name[:60]!r}",
+                f"did you mean {near!r}?" if near else "",
+            )
+
     def _coverage(
         self, options: CoverageOptions | None, names: list[str], landmarks: int | None
     ) -> CoverageSpec | None:
@@ -360,13 +392,7 @@ class _Builder:
         path: KeyPath = ("coverage", "assignment")
         owner: dict[int, str] = {}
         for name, indices in assignment.items():
-            if names and name not in names:
-                near = nearest(name, names)
-                self._report.add(
-                    (*path, name),
-                    f"expected the name of an agent, got {name[:60]!r}",
-                    f"did you mean {near!r}?" if near else "",
-                )
+            self._check_name(name, names, (*path, name))
             for k, index in enumerate(indices):
                 if landmarks is not None and index >= landmarks:
                     self._report.add((*path, name, k), f"expected a landmark from 0 to {landmarks - 1}, got {index}")

@@ -113,6 +113,22 @@ class CoverageSpec:
 
 
 @dataclass(frozen=True)
+class CommunicationSpec:
+    """Which agents can trade with each other: those within a range, or those that are named; one of the two.
+
+    Parameters
+    ----------
+    range : float or None
+        Largest distance of two committed poses, metres.
+    links : tuple of (str, str) or None
+        Pairs of agents by their names.
+    """
+
+    range: float | None = None
+    links: tuple[tuple[str, str], ...] | None = None
+
+
+@dataclass(frozen=True)
 class Mission:
     """All that planning needs to know; build one with `load_mission` or `parse_mission`.
 
@@ -130,6 +146,8 @@ class Mission:
         Of every agent without a sensor of its own.
     agents : tuple of AgentSpec
     coverage : CoverageSpec
+    communication : CommunicationSpec or None
+        Who can trade with whom; everybody with everybody by default.
     flight : FlightSpec
         How it is flown.
     georeference : GeoReference or None
@@ -148,6 +166,7 @@ class Mission:
     sensor: SensorSpec
     agents: tuple[AgentSpec, ...]
     coverage: CoverageSpec
+    communication: CommunicationSpec | None = None
     flight: FlightSpec = field(default_factory=FlightSpec)
     georeference: GeoReference | None = None
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)

@@ -226,6 +226,17 @@ class CoverageOptions(Section):
     )
 
 
+class CommunicationSection(Section):
+    """Which agents can trade with each other: exactly one of range_m, links."""
+
+    model_config = ConfigDict(json_schema_extra=one_of_keys("range_m", "links"))
+
+    range_m: Length | None = Field(default=None, description="Those whose poses are no further apart, metres")
+    links: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, description="Those that are named: pairs of agents, [name, name]"
+    )
+
+
 class GeoreferenceSection(Section):
     """Where on earth the origin of the mission's metres is."""
 
@@ -252,6 +263,9 @@ class MissionFile(Section):
         _tag(list=list, count=dict),
     ] = Field(description="The team: a list, or {count: n} for n agents with drawn poses")
     coverage: CoverageOptions = Field(default=CoverageOptions(), description="How the team trades")
+    communication: CommunicationSection | None = Field(
+        default=None, description="Which agents can trade with each other; all by default"
+    )
     flight: FlightSection | None = Field(default=None, description="How it is flown; only `covey fly` reads it")
     georeference: GeoreferenceSection | None = Field(
         default=None,

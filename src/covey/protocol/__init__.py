@@ -34,7 +34,7 @@ from covey.protocol.outputs import (
     TradeCommitted,
     WaypointAbandoned,
 )
-from covey.protocol.partners import Links, NodeOptions, Order, Partners, random_order, within
+from covey.protocol.partners import Links, NodeOptions, Order, Partners, between, random_order, within
 from covey.protocol.planner import AgentState, Planner, Proposal, Verdict, coverage_score, is_better, judge
 from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice
 from covey.protocol.state import TRANSITIONS, Lock, ProtocolError, Transition, Trigger, next_state
@@ -95,6 +95,7 @@ __all__ = [
     "Verdict",
     "WaypointAbandoned",
     "adopters",
+    "between",
     "coverage_score",
     "is_better",
     "judge",

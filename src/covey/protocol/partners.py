@@ -18,8 +18,8 @@ from covey.protocol.records import PoseRecords
 Order: TypeAlias = Callable[[int, PoseRecords, Sequence[int], np.random.Generator], Iterable[int]]
 """``order(agent, poses, candidates, rng)``: the candidates, the most promising partner first."""
 
-Links: TypeAlias = Callable[[Pose2, Pose2], bool]
-"""``links(pose, other)``: whether agents at these poses may trade; symmetric."""
+Links: TypeAlias = Callable[[int, Pose2, int, Pose2], bool]
+"""``links(agent, pose, other, other_pose)``: whether two agents at these poses may trade; symmetric."""
 
 _DOUBLINGS = 6
 
@@ -29,10 +29,23 @@ def within(radius: float) -> Links:
 
     Examples
     --------
-    >>> within(2.0)(Pose2(0.0, 0.0, 0.0), Pose2(0.0, 2.0, 1.0))
+    >>> within(2.0)(0, Pose2(0.0, 0.0, 0.0), 1, Pose2(0.0, 2.0, 1.0))
     True
     """
-    return lambda pose, other: math.hypot(pose.x - other.x, pose.y - other.y) <= radius
+    return lambda agent, pose, other, other_pose: math.hypot(pose.x - other_pose.x, pose.y - other_pose.y) <= radius
+
+
+def between(pairs: Iterable[tuple[int, int]]) -> Links:
+    """Return the links of these pairs of agents, wherever they are.
+
+    Examples
+    --------
+    >>> here = Pose2(0.0, 0.0, 0.0)
+    >>> between([(0, 1)])(1, here, 0, here), between([(0, 1)])(1, here, 2, here)
+    (True, False)
+    """
+    linked = {frozenset(pair) for pair in pairs}
+    return lambda agent, pose, other, other_pose: frozenset((agent, other)) in linked
 
 
 def random_order(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:

@@ -237,7 +237,7 @@ class Trader:
         if self._membership is not None and own.is_ahead(request.records):
             return Busy(self.sender, request.trade)
         self.poses.merge(client, request.pose)
-        if self._links is not None and not self._links(self.pose, request.pose.pose):
+        if self._links is not None and not self._links(self.agent, self.pose, client, request.pose.pose):
             self._partners.drop(client)
             return Nothing(self.sender, request.trade, own.pose_record)
         state = AgentState(client, request.pose.pose, request.records.indices, request.avoid)
@@ -315,7 +315,7 @@ class Trader:
         waiting = self._partners.waiting
         if self._links is None:
             return waiting
-        return {a for a in waiting if a in self.poses and self._links(self.pose, self.poses.pose(a))}
+        return {a for a in waiting if a in self.poses and self._links(self.agent, self.pose, a, self.poses.pose(a))}
 
     def _move(self, trigger: Trigger) -> None:
         self.lock = next_state(self.lock, trigger)

@@ -6,12 +6,13 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.coverage import Certificate, TeamBound, Violation, team_visibility
+from covey.coverage import Certificate, LinkedPairs, TeamBound, Violation, team_visibility
 from covey.coverage.certificate import ROUNDING, partition_violations, pose_violations, trade_violations
 from covey.errors import ResultError
 from covey.geometry import Pose2
@@ -19,6 +20,7 @@ from covey.mission import Mission
 from covey.optimize import Exact, PoseProblem, PoseResult
 from covey.optimize.team_bound import team_bound
 from covey.runtime.agent import build_models
+from covey.runtime.links import link_matrix
 from covey.runtime.record import read_result
 from covey.runtime.result import Deployment, Progress
 from covey.runtime.streams import Stream, generator
@@ -107,9 +109,11 @@ def build_certificate(
         gap, found = pose_violations(name, score, proofs[i].score, proofs[i].upper_bound, sigma)
         worst_gap = max(worst_gap, gap)
         violations += found
-    worst_gain, found = trade_violations(names, visibility, sets, sigma)
+    linked = link_matrix(mission, poses)
+    worst_gain, found = trade_violations(names, visibility, sets, sigma, linked)
     violations += found
-    return Certificate(not violations, sigma, worst_gap, worst_gain, tuple(violations))
+    links = None if linked is None else LinkedPairs.of(names, linked)
+    return Certificate(not violations, sigma, worst_gap, worst_gain, tuple(violations), links)
 
 
 def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None) -> Certificate:
@@ -126,8 +130,9 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
     -------
     Certificate
         Whether the partition is disjoint and complete, each pose inside its region and within sigma of the best for
-        its landmarks (proved by `exact`), no landmark better seen by another agent by more than sigma, the stated
-        scores those that the poses give, and a stated bound not below them; what is violated, where.
+        its landmarks (proved by `exact`), no landmark better seen by another agent (one that is linked to its owner,
+        where not all are) by more than sigma, the stated scores those that the poses give, and a stated bound not below
+        them; what is violated, where.
 
     Raises
     ------
@@ -154,13 +159,7 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
     stated = _stated_violations(deployment, _scores(deployment, models))
     if not stated:
         return certificate
-    return Certificate(
-        False,
-        certificate.sigma,
-        certificate.worst_pose_gap,
-        certificate.worst_trade_gain,
-        (*certificate.violations, *stated),
-    )
+    return replace(certificate, holds=False, violations=(*certificate.violations, *stated))
 
 
 def bound_team(source: Deployment | str | Path, *, on_progress: ProgressCallback | None = None) -> TeamBound:

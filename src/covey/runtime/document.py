@@ -13,12 +13,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from covey.coverage.certificate import Certificate, TeamBound, Violation
+from covey.coverage.certificate import Certificate, LinkedPairs, TeamBound, Violation
 from covey.environment import Landmarks
 from covey.environment.georeference import GeoReference
 from covey.errors import ArgumentError, ResultError
 from covey.geometry import Pose2, Region
-from covey.mission import AgentSpec, Assignment, CoverageSpec, Mission, OptimizerName, SensorSpec, Trade
+from covey.mission import (
+    AgentSpec,
+    Assignment,
+    CommunicationSpec,
+    CoverageSpec,
+    Mission,
+    OptimizerName,
+    SensorSpec,
+    Trade,
+)
 from covey.runtime.checked import CheckedValue, parse_json
 from covey.runtime.flight_document import flight_document, read_flight
 from covey.runtime.result import AgentResult, Baseline, Deployment, HistoryEntry, PlanStatus, Scores
@@ -115,6 +124,13 @@ def certificate_document(certificate: Certificate) -> dict[str, Any]:
             }
             for violation in certificate.violations
         ],
+        "links": None
+        if certificate.links is None
+        else {
+            "linked": certificate.links.linked,
+            "pairs": certificate.links.pairs,
+            "groups": [list(group) for group in certificate.links.groups],
+        },
     }
 
 
@@ -250,6 +266,9 @@ def _mission(mission: Mission, folder: Path | None) -> dict[str, Any]:
             if isinstance(assignment, Assignment)
             else {name: [int(index) for index in indices] for name, indices in assignment.items()},
         },
+        "communication": None
+        if mission.communication is None
+        else {"range_m": mission.communication.range, "links": _plain(mission.communication.links)},
         "georeference": None
         if reference is None
         else {"lon_deg": reference.lon_deg, "lat_deg": reference.lat_deg, "alt_m": reference.alt_m},
@@ -345,6 +364,7 @@ def _read_mission(
                 name: tuple(int(index) for index in item.indices(len(landmarks))) for name, item in assignment.members()
             },
         ),
+        communication=_read_communication(value["communication"] if value.mapping().get("communication") else None),
         georeference=None
         if reference is None
         else GeoReference(
@@ -355,6 +375,20 @@ def _read_mission(
         source=dict(value["document"].mapping()),
         path=path if path is None or folder is None else folder / path,
     )
+
+
+def _read_communication(value: CheckedValue | None) -> CommunicationSpec | None:
+    if value is None:
+        return None
+    reach, links = value.get("range_m"), value.get("links")
+    if (reach is None) == (links is None):
+        value.fail("exactly one of range_m and links")
+    if reach is not None:
+        return CommunicationSpec(range=reach.number())
+    pairs = [[name.text() for name in pair.items()] for pair in (links.items() if links is not None else ())]
+    if any(len(pair) != 2 for pair in pairs):
+        value["links"].fail("pairs of names")
+    return CommunicationSpec(links=tuple((pair[0], pair[1]) for pair in pairs))
 
 
 def _read_history(root: CheckedValue) -> tuple[HistoryEntry, ...]:
@@ -384,12 +418,20 @@ def _read_certificate(value: CheckedValue | None) -> Certificate | None:
                 message=item["message"].text(),
             )
         )
+    links = value["links"] if value.mapping().get("links") is not None else None
     return Certificate(
         holds=value["holds"].truth(),
         sigma=value["sigma"].number(),
         worst_pose_gap=value["worst_pose_gap"].known(math.inf),
         worst_trade_gain=value["worst_trade_gain"].known(math.inf),
         violations=tuple(violations),
+        links=None
+        if links is None
+        else LinkedPairs(
+            links["linked"].integer(),
+            links["pairs"].integer(),
+            tuple(tuple(name.text() for name in group.items()) for group in links["groups"].items()),
+        ),
     )
 
 

@@ -18,7 +18,9 @@ from covey.protocol import (
     GoTo,
     LandmarkRecords,
     Lock,
+    MembershipOptions,
     Node,
+    NodeOptions,
     Output,
     PoseOptimized,
     Publish,
@@ -27,9 +29,13 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.links import build_links
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
+
+MEMBERSHIP = MembershipOptions(heartbeat_every=1.0, dead_after=1e6, map_every=0.1)
+"""Where agents must hear each other's poses and maps: on the bus nobody is lost, so nobody is declared dead."""
 
 
 class Travel(Protocol):
@@ -122,11 +128,16 @@ class Team:
             len(mission.landmarks), {agent: np.flatnonzero(self.owner == agent) for agent in agents}
         )
         poses = dict(enumerate(self.poses))
-        self.nodes = [Node(agent, list(agents), records, poses, planner, order=nearest_first) for agent in agents]
+        links = build_links(mission)
+        options = None if links is None else NodeOptions(membership=MEMBERSHIP)
+        self.nodes = [
+            Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options, links=links)
+            for agent in agents
+        ]
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
-            self.bus.attach(node, generator(seed, Stream.NODE, agent))
+            self.bus.attach(node, generator(seed, Stream.NODE, agent), hears_heartbeats=options is not None)
         self._first_client: int | None = None
 
     @property
