@@ -4,7 +4,7 @@ from covey.faults.campaign import Finding, Report, campaign, protocol_named, shr
 from covey.faults.checks import Checker, Violation
 from covey.faults.explore import LARGEST, SIZES, Exploration, explore
 from covey.faults.mutants import MUTANTS
-from covey.faults.scenario import Crash, Cut, Isolation, Mode, Scenario, draw, simpler
+from covey.faults.scenario import Alteration, Crash, Cut, Isolation, Kind, Mode, Scenario, draw, simpler
 from covey.faults.simulator import Outcome, run
 from covey.faults.trace import describe
 
@@ -12,12 +12,14 @@ __all__ = [
     "LARGEST",
     "MUTANTS",
     "SIZES",
+    "Alteration",
     "Checker",
     "Crash",
     "Cut",
     "Exploration",
     "Finding",
     "Isolation",
+    "Kind",
     "Mode",
     "Outcome",
     "Report",

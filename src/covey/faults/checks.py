@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from covey.errors import CoveyError
 from covey.faults.table import TablePlanner
 from covey.protocol import (
+    EMPTY,
     AgentBuried,
     AgentReturned,
+    Catalogue,
     LandmarkRecords,
     LandmarksAdopted,
     Links,
@@ -68,13 +70,16 @@ class Checker:
     I2 allows two claims on a landmark in two generations, and in one generation that two agents have begun: both come
     of a death that was declared, perhaps wrongly.  I3 speaks of the time between such events: it is checked from step
     to step wherever the newest record of every landmark names a life that lives, nobody claims by an older one, and
-    every agent has its newest committed pose or waits to be told of it.
+    every agent has its newest committed pose or waits to be told of it, and all know the same changes of landmarks and
+    agents.
     """
 
     def __init__(self, planner: TablePlanner, nodes: Mapping[int, Node]) -> None:
         self.planner = planner
         self.nodes = nodes
         self.checked_scores = 0
+        self.catalogue = EMPTY
+        """All that the operator has changed."""
         self._score = -np.inf
         self._newest = LandmarkRecords.unknown(len(planner.weights))
         self._poses = PoseRecords({})
@@ -96,6 +101,11 @@ class Checker:
         self._poses = PoseRecords({})
         for node in self.nodes.values():
             self._merge(node)
+        self._score = -np.inf
+
+    def changed(self, catalogue: Catalogue) -> None:
+        """Note that the operator has changed something."""
+        self.catalogue = catalogue
         self._score = -np.inf
 
     def broke(self, trade: TradeId) -> None:
@@ -158,7 +168,7 @@ class Checker:
         if not self._is_calm():
             self._score = -np.inf
             return
-        owner = self._newest.values[:, OWNER]
+        owner = np.where(self._alive(), self._newest.values[:, OWNER], -1)
         score = sum(
             float(self.planner.scores(agent, np.flatnonzero(owner == agent))[round(self._poses.pose(agent).x)])
             for agent in self.nodes
@@ -170,9 +180,11 @@ class Checker:
     def _is_calm(self) -> bool:
         """Whether the newest records are what the living go by, but for a trade that its server has yet to merge."""
         newest = self._newest.values
+        if any(node.catalogue.digest != self.catalogue.digest for node in self.nodes.values()):
+            return False  # who does not know of a change yet may trade by what was true before
         lives = {(node.agent, node.sender.incarnation) for node in self.nodes.values()}
         return (
-            lives.issuperset(map(tuple, newest[:, [OWNER, INCARNATION]].tolist()))
+            lives.issuperset(map(tuple, newest[self._alive()][:, [OWNER, INCARNATION]].tolist()))
             and all(np.array_equal(self.nodes[a].records.values[own], newest[own]) for a, own in self._claims.items())
             and all(
                 node.poses[agent] == self._poses[agent]
@@ -180,6 +192,10 @@ class Checker:
                 for agent, node in self.nodes.items()
             )
         )
+
+    def _alive(self) -> NDArray[np.bool_]:
+        first = next(iter(self.nodes.values())).records.first
+        return self.catalogue.alive(first, len(self._newest))
 
     def check_end(self, links: Links | None, *, eager: bool) -> None:
         """Check I1 and I4 when the faults have stopped and every agent says that the mission is over."""
@@ -192,8 +208,10 @@ class Checker:
             require(
                 all(node.poses[other] == first.poses[other] for other in node.poses), "I4", f"agent {agent}: old poses"
             )
+            require(node.catalogue == self.catalogue, "I4", f"agent {agent} has not heard of every change")
             owned[node.claims()] += 1
-        require(bool((owned == 1).all()), "I1", f"landmarks {np.flatnonzero(owned != 1)} have not one owner that lives")
+        wrong = np.flatnonzero(owned != self._alive())
+        require(len(wrong) == 0, "I1", f"landmarks {wrong} have not one owner that lives, or are removed and have one")
         for agent, node in self.nodes.items():
             if eager and not node.avoid:  # who holds a pose because it could not reach another keeps it (V8)
                 scores = self.planner.scores(agent, node.landmarks)

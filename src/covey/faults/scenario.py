@@ -101,6 +101,37 @@ class Isolation:
 Fault: TypeAlias = Crash | Cut | Isolation
 
 
+class Kind(enum.Enum):
+    """What an operator changes."""
+
+    ADD = "add"
+    REMOVE = "remove"
+    REWEIGHT = "reweight"
+    JOIN = "join"
+    LEAVE = "leave"
+
+
+@dataclass(frozen=True)
+class Alteration:
+    """An operator changes landmarks or agents, and tells everybody once; when the faults have stopped, one more time.
+
+    Parameters
+    ----------
+    step : int
+        When.
+    kind : Kind
+    number : int
+        Which landmark is removed or re-weighted, or which agent leaves; who is added or joins gets the next number.
+    weight : float
+        What the landmark is worth.
+    """
+
+    step: int
+    kind: Kind
+    number: int
+    weight: float
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A team, its network, and its misfortunes.
@@ -128,6 +159,8 @@ class Scenario:
     options : NodeOptions
         Every time-out drawn against the delays.
     faults : tuple of Crash, Cut and Isolation
+    changes : tuple of Alteration
+        In order.
     calm_after : float
         When the faults stop, seconds.
     steps : int
@@ -151,8 +184,13 @@ class Scenario:
     skew: float
     options: NodeOptions
     faults: tuple[Fault, ...]
+    changes: tuple[Alteration, ...]
     calm_after: float
     steps: int
+
+    def count(self, kind: Kind) -> int:
+        """Return how many changes are of a kind."""
+        return sum(change.kind is kind for change in self.changes)
 
     @property
     def membership(self) -> MembershipOptions:
@@ -178,7 +216,7 @@ def draw(seed: int) -> Scenario:
         membership = replace(membership, dead_after=100.0 * spread)
     calm_after = float(rng.uniform(0.1, 1.5))
     flying = float(rng.choice([0.0, 0.0, 0.5, 1.0]))
-    return Scenario(
+    scenario = Scenario(
         seed=seed,
         mode=Mode.LIVENESS if seed % 2 else Mode.SAFETY,
         agents=agents,
@@ -196,9 +234,11 @@ def draw(seed: int) -> Scenario:
         skew=float(rng.choice([0.0, 0.1])),
         options=_draw_options(rng, spread, membership),
         faults=() if healthy else _draw_faults(rng, agents, calm_after, membership),
+        changes=(),
         calm_after=calm_after,
         steps=int(rng.integers(100, 1200)),
     )
+    return replace(scenario, changes=_draw_changes(np.random.default_rng([seed, 2]), scenario))
 
 
 def _draw_options(rng: np.random.Generator, spread: float, membership: MembershipOptions) -> NodeOptions:
@@ -246,6 +286,24 @@ def _draw_faults(
     return tuple(faults)
 
 
+def _draw_changes(rng: np.random.Generator, scenario: Scenario) -> tuple[Alteration, ...]:
+    if rng.random() < 0.6:
+        return ()
+    kinds = list(Kind)
+    gone = {fault.agent for fault in scenario.faults if isinstance(fault, Crash) and fault.back_after is None}
+    leavers = [] if scenario.membership.adopt is Adopt.MAJORITY else sorted(set(range(scenario.agents)) - gone)[1:]
+    changes = []
+    for _ in range(int(rng.integers(1, 5))):
+        kind = kinds[int(rng.integers(len(kinds)))]
+        number = int(rng.integers(scenario.landmarks))
+        if kind is Kind.LEAVE:
+            if not leavers:
+                continue
+            number = leavers.pop(int(rng.integers(len(leavers))))
+        changes.append(Alteration(_draw_step(rng), kind, number, float(rng.choice([0.5, 1.0, 3.0]))))
+    return tuple(sorted(changes, key=lambda change: change.step))
+
+
 def _draw_step(rng: np.random.Generator) -> int:
     return int(400.0 * rng.random() ** 3)  # trades are most frequent at the beginning
 
@@ -254,6 +312,8 @@ def simpler(scenario: Scenario) -> Iterator[Scenario]:
     """Yield scenarios that are simpler in one way, the largest simplifications first."""
     for i in range(len(scenario.faults)):
         yield replace(scenario, faults=scenario.faults[:i] + scenario.faults[i + 1 :])
+    for i in range(len(scenario.changes)):
+        yield replace(scenario, changes=scenario.changes[:i] + scenario.changes[i + 1 :])
     if scenario.agents > 2:
         yield _without_last_agent(scenario)
     for name, least in (("landmarks", 1), ("poses", 1)):
@@ -296,4 +356,5 @@ def _without_last_agent(scenario: Scenario) -> Scenario:
         for fault in scenario.faults
         if isinstance(fault, Cut) or fault.agent != last
     )
-    return replace(scenario, agents=last, faults=faults)
+    changes = tuple(c for c in scenario.changes if c.kind is not Kind.LEAVE or c.number != last)
+    return replace(scenario, agents=last, faults=faults, changes=changes)

@@ -13,22 +13,28 @@ import numpy as np
 
 from covey.errors import CoveyError
 from covey.faults.checks import Checker, Violation, require
-from covey.faults.scenario import Crash, Cut, Isolation, Mode, Scenario
-from covey.faults.table import pose_at, random_partition, random_planner
-from covey.faults.trace import describe
+from covey.faults.operator import Operator
+from covey.faults.scenario import Alteration, Crash, Cut, Isolation, Kind, Mode, Scenario
+from covey.faults.table import TablePlanner, extended, pose_at, random_partition, random_planner
+from covey.faults.trace import describe, describe_catalogue
+from covey.geometry import Pose2
 from covey.protocol import (
+    EMPTY,
+    OPERATOR,
     AgentBuried,
     AgentReturned,
+    Catalogue,
+    Change,
     Event,
     GoTo,
     LandmarkRecords,
     LandmarksAdopted,
-    Memory,
     Message,
     Node,
     Output,
     Publish,
     Send,
+    Sender,
     Status,
     TradeCommitted,
     WaypointAbandoned,
@@ -153,6 +159,10 @@ class Simulation:
         m = scenario.agents
         # The table does not depend on the seed's other draws, so that a smaller team keeps what it has in common.
         scene, self._rng, *self._rngs = np.random.default_rng([scenario.seed, 1]).spawn(m + 2)
+        # Who is there at the beginning does not depend on what changes later.
+        joins, additions = scenario.count(Kind.JOIN), scenario.count(Kind.ADD)
+        later, *more = np.random.default_rng([scenario.seed, 3]).spawn(joins + 1)
+        self._rngs += more
         self._planner = random_planner(
             scene,
             agents=m,
@@ -161,6 +171,9 @@ class Simulation:
             pairwise=scenario.pairwise,
             eager=scenario.eager,
         )
+        if scenario.changes:
+            self._planner = extended(self._planner, later, agents=joins, landmarks=additions, poses=scenario.poses)
+        self._original = self._planner.copy()
         self._links = None if scenario.reach is None else within(scenario.reach)
         records = LandmarkRecords.initial(
             scenario.landmarks, random_partition(scene, agents=m, landmarks=scenario.landmarks)
@@ -168,9 +181,12 @@ class Simulation:
         start = {agent: pose_at(int(scene.integers(scenario.poses))) for agent in range(m)}
         self._rates = [1.0 + scenario.skew * float(scene.uniform(-1.0, 1.0)) for _ in range(m)]
         self._offsets = [1e3 * scenario.skew * float(scene.random()) for _ in range(m)]
-        self._lives = [1] * m
+        self._rates += [1.0] * joins
+        self._offsets += [0.0] * joins
+        self._lives = [1] * (m + joins)
+        self._operator = Operator(scenario)
         self.nodes: dict[int, Node] = {
-            agent: node(agent, range(m), records, start, self._planner, options=scenario.options, links=self._links)
+            agent: node(agent, range(m), records, start, self._thinker(), options=scenario.options, links=self._links)
             for agent in range(m)
         }
         self._checker = Checker(self._planner, self.nodes)
@@ -181,8 +197,8 @@ class Simulation:
         self._now = 0.0
         self._queue: list[tuple[float, int, _Item]] = []
         self._count = 0
-        self._wakes = [math.inf] * m
-        self._legs = [0] * m
+        self._wakes = [math.inf] * (m + joins)
+        self._legs = [0] * (m + joins)
 
     def run(self) -> None:
         """Play the scenario.
@@ -222,17 +238,26 @@ class Simulation:
         return self.scenario.mode is Mode.LIVENESS and self._now >= self.scenario.calm_after
 
     def _is_over(self) -> bool:
-        restarts = any(isinstance(item, _Restart) for _, _, item in self._queue)
-        return self._calm and not restarts and all(node.over and self._sees_truth(node) for node in self.nodes.values())
+        if not self._calm or any(isinstance(item, _Restart) for _, _, item in self._queue):
+            return False
+        return all(node.over and self._sees_truth(node) for node in self.nodes.values())
 
     def _sees_truth(self, node: Node) -> bool:
-        """Whether a node knows who lives; before, its mission may be over and begin again."""
-        others = (agent for agent in range(self.scenario.agents) if agent != node.agent)
+        """Whether a node knows who lives and what has changed; before, its mission may be over and begin again."""
+        if node.catalogue != self._operator.known:
+            return False
+        others = (agent for agent in range(len(self._lives)) if agent != node.agent)
         return all((node.status(agent) is not Status.DEAD) == (agent in self.nodes) for agent in others)
 
     def _step(self) -> None:
         self._now, _, item = heapq.heappop(self._queue)
         self.steps += 1
+        operator = self._operator
+        while operator.pending and (self._calm or operator.pending[0].step <= self.steps):
+            self._change(operator.pending.pop(0))
+        if self._calm and not operator.has_repeated:
+            operator.has_repeated = True
+            self._post(OPERATOR, min(self.nodes), Change(Sender(OPERATOR, 1), operator.known))
         if self._rng.random() < self.scenario.proofs and not self._calm:
             self._prove(int(self._rng.integers(self.scenario.agents)))
         match item:
@@ -294,6 +319,9 @@ class Simulation:
         if crash is not None:
             self._die(crash)
             return
+        if self.nodes[agent].left:
+            self._depart(agent)
+            return
         node = self.nodes[agent]
         deadline = node.next_deadline()
         if deadline is not None and deadline != self._wakes[agent]:
@@ -309,7 +337,7 @@ class Simulation:
             case Send():
                 self._post(agent, output.to, output.message)
             case Publish():
-                for other in range(self.scenario.agents):
+                for other in range(self.scenario.agents + self._operator.joined):
                     if other != agent:
                         self._post(agent, other, output.heartbeat)
             case GoTo():
@@ -380,6 +408,52 @@ class Simulation:
                 self._memories[crash.agent] = node.memory()
             self._push(crash.back_after, _Restart(crash.agent, crash.remembers))
 
+    # What an operator does.
+
+    def _change(self, change: Alteration) -> None:
+        """Change the mission and tell everybody, over the same network."""
+        news = self._operator.change(change)
+        self._planner.learn(self._operator.known)
+        self._checker.changed(self._operator.known)
+        self.coverage["changes"] += 1
+        self._say(f"the operator: {change.kind.value} {describe_catalogue(news)}")
+        for other in list(self.nodes):
+            self._post(OPERATOR, other, Change(Sender(OPERATOR, 1), news))
+        if change.kind is Kind.JOIN:
+            self._join(max(news.agents))
+
+    def _join(self, agent: int) -> None:
+        held = pose_at(int(self._rng.integers(self.scenario.poses)))
+        self.nodes[agent] = self._without_memory(agent, held, 1, self._operator.known)
+        self._memories[agent] = self.nodes[agent].memory()
+        self.coverage["joins"] += 1
+        self._act(agent, self.nodes[agent].start(self._clock(agent), self._rngs[agent]))
+
+    def _depart(self, agent: int) -> None:
+        node = self.nodes.pop(agent)
+        if node.escrow is not None:
+            self._checker.broke(node.escrow.trade)
+        self._checker.forget(agent)
+        self._wakes[agent] = math.inf
+        self.coverage["leaves"] += 1
+
+    def _thinker(self) -> TablePlanner:
+        """Return the planner of one agent, which knows of no change yet."""
+        return self._original.copy()
+
+    def _without_memory(self, agent: int, held: Pose2, life: int, catalogue: Catalogue) -> Node:
+        return self._kind(
+            agent,
+            range(self.scenario.agents),
+            LandmarkRecords.unknown(self.scenario.landmarks),
+            {agent: held},
+            self._thinker(),
+            incarnation=life,
+            options=self.scenario.options,
+            links=self._links,
+            catalogue=catalogue,
+        )
+
     def _restart(self, item: _Restart) -> None:
         agent, m, options = item.agent, self.scenario.agents, self.scenario.options
         self._lives[agent] += 1
@@ -388,19 +462,11 @@ class Simulation:
             memory = self._memories[agent]
         else:
             held = pose_at(int(self._rng.integers(self.scenario.poses)))
-            node = self._kind(
-                agent,
-                range(m),
-                LandmarkRecords.unknown(self.scenario.landmarks),
-                {agent: held},
-                self._planner,
-                incarnation=life,
-                options=options,
-                links=self._links,
-            )
-            memory = Memory(node.records, node.poses)
+            own = self._operator.known.agents.get(agent)  # one that has joined is told at each start that it takes part
+            catalogue = Catalogue(agents={agent: own}) if own is not None and own.present else EMPTY
+            memory = self._without_memory(agent, held, life, catalogue).memory()
         self.nodes[agent] = self._kind.restart(
-            agent, range(m), memory, self._planner, incarnation=life, options=options, links=self._links
+            agent, range(m), memory, self._thinker(), incarnation=life, options=options, links=self._links
         )
         self._checker.forget(agent)
         self.coverage["restarts" if item.remembers else "amnesic_restarts"] += 1

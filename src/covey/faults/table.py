@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
-from covey.protocol import AgentState, Proposal
+from covey.protocol import AgentState, Catalogue, Proposal
 
 SIGMA = 0.01
 
@@ -34,6 +34,10 @@ class TablePlanner:
         self.sigma = SIGMA
         self.proposals = 0
 
+    def copy(self) -> TablePlanner:
+        """Return a planner that may learn other things."""
+        return TablePlanner(self.table, self.weights, pairwise=self.pairwise, eager=self.eager)
+
     def visibility(self, agent: int, pose: Pose2) -> NDArray[np.float64]:
         """Return the row of the table."""
         visibility: NDArray[np.float64] = self.table[agent, round(pose.x)]
@@ -50,6 +54,12 @@ class TablePlanner:
         if scores.max() <= scores[round(pose.x)] + 1e-9 or (len(landmarks) % 2 and not self.eager):
             return None
         return pose_at(int(scores.argmax()))
+
+    def learn(self, catalogue: Catalogue) -> None:
+        """Take changed weights over; the table has all landmarks and agents that ever will be."""
+        self.weights = self.weights.copy()
+        for k, record in catalogue.landmarks.items():
+            self.weights[k] = record.weight
 
     def propose(self, server: AgentState, client: AgentState) -> Proposal | None:
         """Return the best split of the best pair of poses, or Algorithm 6."""
@@ -96,6 +106,18 @@ def random_planner(
     table = rng.random((agents, poses, landmarks)) * (rng.random((agents, poses, landmarks)) < 0.5)
     weights = rng.choice([0.0, 0.5, 1.0, 2.0], size=landmarks, p=[0.1, 0.2, 0.5, 0.2])
     return TablePlanner(table, weights, pairwise=pairwise, eager=eager)
+
+
+def extended(
+    planner: TablePlanner, rng: np.random.Generator, *, agents: int, landmarks: int, poses: int
+) -> TablePlanner:
+    """Return a planner with more agents and landmarks, which begin without weight, and the same table for the rest."""
+    m, _, n = planner.table.shape
+    shape = (m + agents, poses, n + landmarks)
+    table = rng.random(shape) * (rng.random(shape) < 0.5)
+    table[:m, :, :n] = planner.table
+    weights = np.concatenate([planner.weights, np.zeros(landmarks)])
+    return TablePlanner(table, weights, pairwise=planner.pairwise, eager=planner.eager)
 
 
 def random_partition(rng: np.random.Generator, *, agents: int, landmarks: int) -> dict[int, NDArray[np.int64]]:

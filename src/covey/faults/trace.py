@@ -7,11 +7,16 @@ from collections.abc import Iterable
 from covey.protocol import (
     Abort,
     AgentBuried,
+    AgentJoined,
+    AgentLeft,
     AgentReturned,
+    Catalogue,
+    Change,
     Commit,
     Event,
     Heartbeat,
     LandmarksAdopted,
+    LandmarksChanged,
     Map,
     Message,
     Nothing,
@@ -51,6 +56,12 @@ def describe(item: Message | Event) -> str:
             return f"declares agent {item.dead} dead"
         case AgentReturned():
             return f"hears agent {item.returned.agent} again, life {item.returned.incarnation}"
+        case LandmarksChanged():
+            return f"hears that landmarks {item.landmarks.tolist()} changed: {item.before:.3f} -> {item.after:.3f}"
+        case AgentJoined():
+            return f"hears that agent {item.joined} joins"
+        case AgentLeft():
+            return "leaves" if item.left == item.agent else f"hears that agent {item.left} leaves"
         case LandmarksAdopted():
             return f"adopts {_records(item.records)}"
         case _:
@@ -59,7 +70,7 @@ def describe(item: Message | Event) -> str:
 
 
 def _parts(message: Message) -> Iterable[str]:
-    if not isinstance(message, Heartbeat | Map):
+    if not isinstance(message, Heartbeat | Map | Change):
         yield f"trade {_trade(message.trade)}"
     match message:
         case Request():
@@ -83,8 +94,25 @@ def _parts(message: Message) -> Iterable[str]:
         case Map():
             yield f"records {_records(message.records)}"
             yield "; ".join(f"agent {agent} {_pose(pose)}" for agent, pose in message.poses.items())
+            if message.catalogue:
+                yield describe_catalogue(message.catalogue)
+        case Change():
+            yield describe_catalogue(message.catalogue)
         case _:
             pass
+
+
+def describe_catalogue(catalogue: Catalogue) -> str:
+    """Return what a catalogue says, in a line."""
+    landmarks = [
+        f"{k} ({record.version}) {f'weighs {record.weight:g}' if record.alive else 'removed'}"
+        for k, record in catalogue.landmarks.items()
+    ]
+    agents = [
+        f"agent {agent} ({record.version}) {'takes part' if record.present else 'has left'}"
+        for agent, record in catalogue.agents.items()
+    ]
+    return ", ".join([*(f"landmark {text}" for text in landmarks), *agents])
 
 
 def _trade(trade: TradeId) -> str:

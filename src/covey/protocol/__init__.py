@@ -1,12 +1,15 @@
 """Sans-IO trading: agents as state machines that take messages in and give messages out."""
 
 from covey.protocol.adoption import adopters, map_digest, orphans
+from covey.protocol.catalogue import EMPTY, AgentChange, Catalogue, LandmarkChange
 from covey.protocol.holdings import Escrow, Holdings, Memory
 from covey.protocol.membership import Adopt, Hearing, Membership, MembershipOptions, Status
 from covey.protocol.messages import (
+    OPERATOR,
     Abort,
     Ack,
     Busy,
+    Change,
     Commit,
     Heartbeat,
     Map,
@@ -21,11 +24,14 @@ from covey.protocol.messages import (
 from covey.protocol.node import Node
 from covey.protocol.outputs import (
     AgentBuried,
+    AgentJoined,
+    AgentLeft,
     AgentReturned,
     Cause,
     Event,
     GoTo,
     LandmarksAdopted,
+    LandmarksChanged,
     OfferDeclined,
     Output,
     PoseOptimized,
@@ -41,15 +47,22 @@ from covey.protocol.state import TRANSITIONS, Lock, ProtocolError, Transition, T
 from covey.protocol.termination import TerminationDetector
 
 __all__ = [
+    "EMPTY",
+    "OPERATOR",
     "TRANSITIONS",
     "Abort",
     "Ack",
     "Adopt",
     "AgentBuried",
+    "AgentChange",
+    "AgentJoined",
+    "AgentLeft",
     "AgentReturned",
     "AgentState",
     "Busy",
+    "Catalogue",
     "Cause",
+    "Change",
     "Commit",
     "Escrow",
     "Event",
@@ -57,8 +70,10 @@ __all__ = [
     "Hearing",
     "Heartbeat",
     "Holdings",
+    "LandmarkChange",
     "LandmarkRecords",
     "LandmarksAdopted",
+    "LandmarksChanged",
     "Links",
     "Lock",
     "Map",

@@ -9,20 +9,25 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.protocol.catalogue import EMPTY, Catalogue
 from covey.protocol.planner import Planner
 from covey.protocol.records import INCARNATION, OWNER, LandmarkRecords, PoseRecords
 
 _POSE = struct.Struct("<qqqddd")
 
 
-def orphans(records: LandmarkRecords, living: Mapping[int, int]) -> NDArray[np.int64]:
-    """Return the sorted landmarks whose owner is dead, or was an earlier life of an agent.
+def orphans(
+    records: LandmarkRecords, living: Mapping[int, int], alive: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
+    """Return the sorted landmarks whose owner is dead, or was an earlier life of an agent, or that nobody ever owned.
 
     Parameters
     ----------
     records : LandmarkRecords
     living : mapping of agent to int
         The newest known incarnation of each living agent.
+    alive : array, shape (n,), optional
+        Which landmarks are to be seen; all by default.
 
     Examples
     --------
@@ -34,7 +39,7 @@ def orphans(records: LandmarkRecords, living: Mapping[int, int]) -> NDArray[np.i
     owned = np.zeros(len(records), dtype=np.bool_)
     for agent, life in living.items():
         owned |= (owner == agent) & (incarnation >= life)
-    return np.flatnonzero(~owned)
+    return np.flatnonzero(~owned if alive is None else alive & ~owned)
 
 
 def adopters(planner: Planner, poses: PoseRecords, living: Mapping[int, int], n: int) -> NDArray[np.int64] | None:
@@ -45,18 +50,19 @@ def adopters(planner: Planner, poses: PoseRecords, living: Mapping[int, int], n:
     agents = sorted(living)
     if not all(agent in poses for agent in agents):
         return None
-    best, seen = np.full(n, agents[0], dtype=np.int64), planner.visibility(agents[0], poses.pose(agents[0])).copy()
+    best, seen = np.full(n, agents[0], dtype=np.int64), planner.visibility(agents[0], poses.pose(agents[0]))[:n].copy()
     for agent in agents[1:]:
-        visibility = planner.visibility(agent, poses.pose(agent))
+        visibility = planner.visibility(agent, poses.pose(agent))[:n]
         best[visibility > seen] = agent
         np.maximum(seen, visibility, out=seen)
     return best
 
 
-def map_digest(records: LandmarkRecords, poses: PoseRecords) -> bytes:
+def map_digest(records: LandmarkRecords, poses: PoseRecords, catalogue: Catalogue = EMPTY) -> bytes:
     """Return 8 bytes that are the same for two agents whose maps are equal, and else, in practice, differ."""
     digest = hashlib.blake2b(records.values.tobytes(), digest_size=8)
     for agent in sorted(poses):
         generation, version, pose = poses[agent]
         digest.update(_POSE.pack(agent, generation, version, pose.x, pose.y, pose.yaw))
+    digest.update(catalogue.digest)
     return digest.digest()

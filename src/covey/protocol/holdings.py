@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
+from covey.protocol.catalogue import EMPTY, Catalogue
 from covey.protocol.messages import Commit, Sender, TradeId
 from covey.protocol.planner import AgentState
 from covey.protocol.records import LandmarkRecords, PoseRecord, PoseRecords, RecordSlice, difference
@@ -39,11 +40,14 @@ class Memory:
     poses : PoseRecords
     avoid : tuple of Pose2
         Poses that the agent could not reach.
+    catalogue : Catalogue
+        What it knew to have changed since the mission began.
     """
 
     records: LandmarkRecords
     poses: PoseRecords
     avoid: tuple[Pose2, ...] = ()
+    catalogue: Catalogue = EMPTY
 
 
 class Holdings:
@@ -59,6 +63,8 @@ class Holdings:
         Copied.
     avoid : tuple of Pose2
         Poses that could not be reached.
+    catalogue : Catalogue
+        What has changed since the mission began.
 
     Notes
     -----
@@ -71,9 +77,13 @@ class Holdings:
         records: LandmarkRecords,
         poses: Mapping[int, Pose2] | PoseRecords,
         avoid: tuple[Pose2, ...] = (),
+        catalogue: Catalogue = EMPTY,
     ) -> None:
         self.sender = sender
+        self.catalogue = catalogue
+        self._alive: NDArray[np.bool_] | None = None
         self.records = records.copy()
+        self.records.grow(max(catalogue.landmarks, default=-1) + 1)
         self.poses = poses.copy() if isinstance(poses, PoseRecords) else PoseRecords.initial(poses)
         self.escrow: Escrow | None = None
         self.avoid = avoid
@@ -81,6 +91,21 @@ class Holdings:
         self._mine = np.zeros(len(records), dtype=np.bool_)
         self.own: RecordSlice
         self._take_stock()
+
+    @property
+    def alive(self) -> NDArray[np.bool_] | None:
+        """Which landmarks are known and to be seen, shape (n,); None for all."""
+        n = len(self.records)
+        if not self.catalogue and n == self.records.first:
+            return None
+        if self._alive is None or len(self._alive) != n:
+            self._alive = self.catalogue.alive(self.records.first, n)
+        return self._alive
+
+    @property
+    def present(self) -> bool:
+        """Whether the agent takes part."""
+        return self.catalogue.is_present(self.sender.agent)
 
     @property
     def pose_record(self) -> PoseRecord:
@@ -95,7 +120,24 @@ class Holdings:
 
     def contradicts(self, records: RecordSlice) -> bool:
         """Whether another's own landmarks are among mine: then what it says is old."""
-        return bool(self._mine[records.indices].any())
+        indices = records.indices
+        if len(indices) and indices[-1] >= len(self._mine):
+            indices = indices[: np.searchsorted(indices, len(self._mine))]
+        return bool(self._mine[indices].any())
+
+    def are_alive(self, landmarks: NDArray[np.int64]) -> bool:
+        """Whether all of these, sorted, are known and to be seen."""
+        if len(landmarks) and landmarks[-1] >= len(self.records):
+            return False
+        alive = self.alive
+        return alive is None or bool(alive[landmarks].all())
+
+    def change(self, catalogue: Catalogue) -> None:
+        """Go by a newer catalogue."""
+        self.catalogue, self._alive = catalogue, None
+        self.records.grow(max(catalogue.landmarks, default=-1) + 1)
+        self.records.changes += 1
+        self._take_stock()
 
     def is_ahead(self, records: RecordSlice) -> bool:
         """Whether a newer record is known for any of these."""
@@ -121,7 +163,7 @@ class Holdings:
         if not self.records.merge(records).any():
             return False
         before = self.own.indices
-        own = self.records.owned_by(*self.sender)
+        own = self._owned()
         if np.array_equal(before, own):
             self.own = self.records.slice(own)
             return False
@@ -149,8 +191,17 @@ class Holdings:
         self.avoid += (pose,)
         self._renew()
 
+    def _owned(self) -> NDArray[np.int64]:
+        """Return the sorted landmarks that are the agent's and to be seen."""
+        own, alive = self.records.owned_by(*self.sender), self.alive
+        if alive is not None:
+            own = own[alive[own]]
+        return own if self.present else own[:0]
+
     def _take_stock(self) -> None:
-        self.own = self.records.slice(self.records.owned_by(*self.sender))
+        self.own = self.records.slice(self._owned())
+        if len(self._mine) < len(self.records):
+            self._mine = np.zeros(len(self.records), dtype=np.bool_)
         self._mine[:] = False
         self._mine[self.own.indices] = True
         self._renew()

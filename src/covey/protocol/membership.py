@@ -117,12 +117,12 @@ class Membership:
     @property
     def living(self) -> Mapping[int, int]:
         """The newest known incarnation of each agent that is not dead, this one among them; sorted by agent."""
-        lives = {a: life for a, life in self._lives.items() if self._status[a] is not Status.DEAD}
+        lives = {a: self._lives[a] for a, status in self._status.items() if status is not Status.DEAD}
         return dict(sorted({**lives, self._sender.agent: self._sender.incarnation}.items()))
 
     def status(self, agent: int) -> Status:
         """Return what is thought of another agent."""
-        return self._status[agent]
+        return self._status.get(agent, Status.DEAD)
 
     def start(self, now: float) -> None:
         """Begin to count silences."""
@@ -131,7 +131,7 @@ class Membership:
     def hear(self, now: float, sender: Sender) -> Hearing:
         """Note a message from an agent of the team; strangers count as old lives."""
         agent, incarnation = sender
-        if incarnation < self._lives.get(agent, math.inf):
+        if incarnation < self._lives.get(agent, math.inf) or agent not in self._status:
             return Hearing.OLD
         was, life = self._status[agent], self._lives[agent]
         self._heard[agent], self._lives[agent], self._status[agent] = now, incarnation, Status.ALIVE
@@ -144,12 +144,24 @@ class Membership:
 
     def lost(self, agent: int) -> None:
         """Suspect an agent: the transport has lost its connection."""
-        if self._status[agent] is Status.ALIVE:
+        if self._status.get(agent) is Status.ALIVE:
             self._status[agent] = Status.SUSPECT
+
+    def join(self, now: float, agent: int) -> None:
+        """Take a new agent in; it counts as dead until it is heard."""
+        if agent not in self._status:
+            self._heard[agent], self._status[agent] = now, Status.DEAD
+            self._lives.setdefault(agent, 0)
+
+    def leave(self, agent: int) -> None:
+        """Let an agent go for good; what it says from now on counts as old."""
+        if agent in self._status:
+            del self._heard[agent], self._status[agent]
+            self.changes += 1
 
     def bury(self, agent: int) -> bool:
         """Declare an agent dead; whether that is news."""
-        if self._status[agent] is Status.DEAD:
+        if self.status(agent) is Status.DEAD:
             return False
         self._status[agent] = Status.DEAD
         self.changes += 1

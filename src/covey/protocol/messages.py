@@ -9,6 +9,7 @@
                ◀───────────────  ACK
       HEARTBEAT, to whoever listens
       MAP, to an agent chosen at random
+      CHANGE, from an operator to everybody
 
 Every message may come late, twice or never: a receiver that sees one again does nothing new and answers the same.
 Arrays in messages are read-only.
@@ -25,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
+from covey.protocol.catalogue import EMPTY, Catalogue
 from covey.protocol.records import PoseRecord, RecordSlice
 
 
@@ -208,12 +210,35 @@ class Map:
     records : RecordSlice
         The records of all landmarks.
     poses : mapping of agent to PoseRecord
+    catalogue : Catalogue
+        What has changed since the mission began.
     """
 
     sender: Sender
     records: RecordSlice
     poses: Mapping[int, PoseRecord]
+    catalogue: Catalogue = EMPTY
 
 
-Message: TypeAlias = Request | Busy | Nothing | Offer | Commit | Abort | Ack | Heartbeat | Map
+OPERATOR = -1
+"""Who sends what no agent says."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Change:
+    """CHANGE: landmarks or agents are others from now on; who may say so is the transport's to decide.
+
+    Parameters
+    ----------
+    sender : Sender
+        Of the agent `OPERATOR`.
+    catalogue : Catalogue
+        What has changed since the mission began, or the newest part of it.
+    """
+
+    sender: Sender
+    catalogue: Catalogue
+
+
+Message: TypeAlias = Request | Busy | Nothing | Offer | Commit | Abort | Ack | Heartbeat | Map | Change
 """Any message."""

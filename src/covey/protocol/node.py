@@ -8,13 +8,16 @@ from types import MappingProxyType
 import numpy as np
 
 from covey.geometry import Pose2
-from covey.protocol.adoption import adopters, map_digest, orphans
+from covey.protocol.adoption import map_digest
+from covey.protocol.catalogue import EMPTY, AgentChange, Catalogue
 from covey.protocol.holdings import Memory
-from covey.protocol.membership import Hearing, Status
+from covey.protocol.member import Member
+from covey.protocol.membership import Status
 from covey.protocol.messages import (
     Abort,
     Ack,
     Busy,
+    Change,
     Commit,
     Heartbeat,
     Map,
@@ -23,14 +26,10 @@ from covey.protocol.messages import (
     Offer,
     Reason,
     Request,
-    Sender,
 )
 from covey.protocol.outputs import (
-    AgentBuried,
-    AgentReturned,
     Cause,
     GoTo,
-    LandmarksAdopted,
     Output,
     Publish,
     Send,
@@ -40,14 +39,12 @@ from covey.protocol.partners import Links, NodeOptions, Order, random_order
 from covey.protocol.planner import Planner
 from covey.protocol.records import LandmarkRecords, PoseRecords
 from covey.protocol.state import Lock, Trigger
-from covey.protocol.termination import TerminationDetector
-from covey.protocol.trader import Trader
 
 _ACTIVE = (False, 0, b"")
 """What an agent says of itself while it has something to do."""
 
 
-class Node(Trader):
+class Node(Member):
     """An agent of the team: it trades landmarks and decides where to go, with time and randomness from its caller.
 
     Parameters
@@ -70,6 +67,9 @@ class Node(Trader):
         Which committed poses may trade with each other; all by default.  Needs ``options.membership``.
     avoid : tuple of Pose2, keyword-only
         Poses that the agent could not reach in an earlier life.
+    catalogue : Catalogue, keyword-only
+        What has changed since the mission began; `team` and `records` are those that it began with, but for what
+        the agent remembers.
 
     Raises
     ------
@@ -98,6 +98,7 @@ class Node(Trader):
         options: NodeOptions | None = None,
         links: Links | None = None,
         avoid: tuple[Pose2, ...] = (),
+        catalogue: Catalogue = EMPTY,
     ) -> None:
         super().__init__(
             agent,
@@ -110,15 +111,9 @@ class Node(Trader):
             options=options,
             links=links,
             avoid=avoid,
+            catalogue=catalogue,
         )
         self._sequence = 0
-        self._published: tuple[bool, int, bytes] | None = None
-        self._detector = TerminationDetector(team)
-        self._beat_at = 0.0
-        self._map_at = 0.0
-        self._maps_from: set[int] = set()  # whose map has arrived in this life
-        self._orphaned = False
-        self._adopted_at: tuple[int, ...] = ()
         self._digested_at: tuple[int, ...] = ()
         self._digest_then = b""
 
@@ -161,6 +156,7 @@ class Node(Trader):
             options=options,
             links=links,
             avoid=memory.avoid,
+            catalogue=memory.catalogue,
         )
         node._waypoint = None
         return node
@@ -168,16 +164,16 @@ class Node(Trader):
     def memory(self) -> Memory:
         """Return what a later life can be started from; one of any age will do."""
         own = self._holdings
-        return Memory(own.records.copy(), own.poses.copy(), own.avoid)
+        return Memory(own.records.copy(), own.poses.copy(), own.avoid, own.catalogue)
 
     @property
     def quiescent(self) -> bool:
         """Whether the agent has nothing left to do by itself.
 
         It is IDLE, at its waypoint, nobody is in Q that is in reach, and every landmark of its map has an owner that
-        lives.
+        lives; or it has left.
         """
-        return super().quiescent and not self._orphaned
+        return self.left or (super().quiescent and not self._orphaned)
 
     @property
     def over(self) -> bool:
@@ -193,6 +189,8 @@ class Node(Trader):
 
     def next_deadline(self) -> float | None:
         """Return when `poll` is wanted, seconds; it may have passed already.  None: not before something comes in."""
+        if self.left:
+            return None
         if self.lock is not Lock.IDLE:
             deadline: float | None = self._resend_at
         else:
@@ -207,6 +205,8 @@ class Node(Trader):
     def start(self, now: float, rng: np.random.Generator) -> list[Output]:
         """Begin the mission: fill Q and optimise the pose for the first landmarks (Algorithm 2)."""
         outputs: list[Output] = []
+        if self.left:
+            return outputs
         self._partners.refill()
         self._partners.rest(now, 0.0, rng)
         self._improve(outputs)
@@ -219,6 +219,8 @@ class Node(Trader):
     def poll(self, now: float, rng: np.random.Generator) -> list[Output]:
         """Do what is due: ask the next partner in Q, send again what got no answer, or tell the others of itself."""
         outputs: list[Output] = []
+        if self.left:
+            return outputs
         if self._membership is not None:
             self._tend(now, rng, outputs)
         if self.lock is Lock.IDLE:
@@ -236,6 +238,10 @@ class Node(Trader):
     def receive(self, now: float, message: Message, rng: np.random.Generator) -> list[Output]:
         """Take a message in; one that was seen before changes nothing and gets the same answer."""
         outputs: list[Output] = []
+        if isinstance(message, Change):
+            return self.change(now, message.catalogue)
+        if self.left:
+            return outputs
         if self._membership is not None and not self._hear(now, message.sender, outputs):
             return self._finish(outputs)
         match message:
@@ -261,7 +267,7 @@ class Node(Trader):
             case Heartbeat() if message.sender.agent != self.agent:
                 self._on_heartbeat(message)
             case Map():
-                self._on_map(message)
+                self._on_map(now, message, outputs)
             case _:
                 pass  # a late answer to a trade that is over
         return self._finish(outputs)
@@ -318,6 +324,30 @@ class Node(Trader):
             self._on_death(agent, outputs)
         return self._finish(outputs)
 
+    def change(self, now: float, catalogue: Catalogue) -> list[Output]:
+        """Take in that landmarks or agents are others; Q is filled and Algorithm 3 follows.
+
+        Added landmarks are nobody's at first and are adopted like those of the dead.  Who leaves is left out at once,
+        and what it owned is adopted.  Who joins counts as dead until it is heard.  An agent that finds itself among
+        those that leave says a last word, everything that it knows, and does nothing any more.
+
+        Raises
+        ------
+        ArgumentError
+            If the node has no ``options.membership``.
+        """
+        outputs: list[Output] = []
+        if not self.left:
+            self._take_in(now, catalogue, outputs)
+        return self._finish(outputs)
+
+    def leave(self, now: float) -> list[Output]:
+        """Leave the mission; all others hear of it."""
+        known = self.catalogue.agents.get(self.agent)
+        specification = "" if known is None else known.specification
+        gone = AgentChange(self.catalogue.version + 1, False, specification)
+        return self.change(now, Catalogue(agents={self.agent: gone}))
+
     def heartbeat(self) -> Heartbeat:
         """Return a new heartbeat that tells how the agent is now."""
         self._sequence += 1
@@ -332,100 +362,17 @@ class Node(Trader):
             self._digest() if self.quiescent else b"",
         )
 
-    # Others live and die.
-
-    def _tend(self, now: float, rng: np.random.Generator, outputs: list[Output]) -> None:
-        """Do what is due with or without trades: look who is silent, and tell the others of itself."""
-        assert self._membership is not None
-        if now >= self._beat_at:
-            self._beat_at = now + self._membership.options.heartbeat_every
-            for agent in self._membership.silenced(now):
-                self._on_death(agent, outputs)
-            self._published = None
-        if now >= self._map_at:
-            self._map_at = now + self._membership.options.map_every
-            others = [agent for agent in self._membership.living if agent != self.agent]
-            if others:
-                self._send_map(others[int(rng.integers(len(others)))], outputs)
-
-    def _send_map(self, to: int, outputs: list[Output]) -> None:
-        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
-
-    def _hear(self, now: float, sender: Sender, outputs: list[Output]) -> bool:
-        """Note that a message has come; whether to take it in."""
-        assert self._membership is not None
-        hearing = self._membership.hear(now, sender)
-        if hearing not in (Hearing.OLD, Hearing.KNOWN):
-            self._send_map(sender.agent, outputs)
-        if hearing in (Hearing.RETURNED, Hearing.REBORN):
-            self._detector.admit(sender.agent)
-            self._partners.join(sender.agent)
-            outputs.append(AgentReturned(self.agent, sender))
-        if hearing is Hearing.REBORN:
-            self._maps_from.discard(sender.agent)
-            self._take_back(sender.agent, outputs)
-        return hearing is not Hearing.OLD
-
-    def _on_death(self, agent: int, outputs: list[Output]) -> None:
-        self._detector.bury(agent)
-        self._partners.leave(agent)
-        outputs.append(AgentBuried(self.agent, agent))
-        self._take_back(agent, outputs)
-        if self.lock is Lock.CLIENT_DONE and self._pending is not None and self._pending.to == agent:
-            if isinstance(self._pending.message, Commit):
-                self._unsettled[agent] = self._pending.message
-            self._move(Trigger.PARTNER_DEAD)
-            self._pose_is_due = True
-
-    def _take_back(self, client: int, outputs: list[Output]) -> None:
-        """Leave a trade whose client is no more: what was on offer is adopted by this agent itself."""
-        escrow = self._holdings.escrow
-        if self.lock is not Lock.SERVER_PREPARED or self._pending is None or self._pending.to != client:
-            return
-        self._release(client, Trigger.PARTNER_DEAD)
-        self._holdings.overrule_pose()
-        if escrow is not None and len(escrow.landmarks):
-            outputs.append(LandmarksAdopted(self.agent, self._holdings.adopt(escrow.landmarks)))
-            self._changed_from_outside()
-
-    def _adopt_orphans(self, outputs: list[Output]) -> None:
-        """Take over what has no living owner and this agent sees best."""
-        membership, own = self._membership, self._holdings
-        assert membership is not None
-        known = (own.records.changes, own.poses.changes, membership.changes, len(self._maps_from))
-        if known == self._adopted_at or self.lock is Lock.SERVER_PREPARED:
-            return
-        self._adopted_at = known
-        living = membership.living
-        without = orphans(own.records, living)
-        self._orphaned = len(without) > 0
-        if not self._orphaned or not self._maps_from >= living.keys() - {self.agent}:
-            return  # somebody who lives may know another owner
-        best = adopters(self._planner, own.poses, living, len(own.records))
-        if best is not None and (best[without] == self.agent).any():
-            outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
-            self._orphaned = len(orphans(own.records, living)) > 0
-            self._changed_from_outside()
-
-    def _on_heartbeat(self, heartbeat: Heartbeat) -> None:
-        self.poses.merge(heartbeat.sender.agent, heartbeat.pose)
-        if self._membership is not None:
-            self._detector.receive(heartbeat)
-
-    def _on_map(self, message: Map) -> None:
-        if self._membership is not None and self.lock is not Lock.SERVER_PREPARED:
-            self._maps_from.add(message.sender.agent)
-            self._learn(message.records, message.poses)
-
     def _digest(self) -> bytes:
         if self._membership is None:
             return b""
         known = (self.records.changes, self.poses.changes)
         if known != self._digested_at:
-            self._digested_at, self._digest_then = known, map_digest(self.records, self.poses)
+            self._digested_at, self._digest_then = known, map_digest(self.records, self.poses, self.catalogue)
         return self._digest_then
 
     def _finish(self, outputs: list[Output]) -> list[Output]:
+        if self.left:
+            return outputs
         if self._membership is not None:
             self._adopt_orphans(outputs)
         if self.lock is Lock.IDLE:

@@ -163,8 +163,52 @@ class LandmarksAdopted:
     records: RecordSlice
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class LandmarksChanged:
+    """An agent learned that landmarks were added, removed, or are worth something else: why its score changed.
+
+    Parameters
+    ----------
+    agent : int
+    landmarks : array, shape (k,)
+        Which, sorted.
+    before, after : float
+        The agent's coverage score as it was and as it is now, at the same pose.
+    """
+
+    agent: int
+    landmarks: NDArray[np.int64]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class AgentJoined:
+    """An agent learned that another takes part from now on."""
+
+    agent: int
+    joined: int
+
+
+@dataclass(frozen=True, slots=True)
+class AgentLeft:
+    """An agent learned that another takes part no more, or that itself does not."""
+
+    agent: int
+    left: int
+
+
 Event: TypeAlias = (
-    PoseOptimized | TradeCommitted | WaypointAbandoned | OfferDeclined | AgentBuried | AgentReturned | LandmarksAdopted
+    PoseOptimized
+    | TradeCommitted
+    | WaypointAbandoned
+    | OfferDeclined
+    | AgentBuried
+    | AgentReturned
+    | LandmarksAdopted
+    | LandmarksChanged
+    | AgentJoined
+    | AgentLeft
 )
 """Anything for the log."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
+from covey.protocol.catalogue import Catalogue
 from covey.protocol.records import difference
 
 MARGIN = 1e-12
@@ -61,7 +62,7 @@ class Planner(Protocol):
     sigma : float
         The tolerance of Definition 3.
     weights : array, shape (n,)
-        What each landmark is worth.
+        What each landmark is worth; those that are removed are nobody's, whatever stands here.
     """
 
     @property
@@ -80,6 +81,13 @@ class Planner(Protocol):
 
     def improve(self, agent: int, pose: Pose2, landmarks: NDArray[np.int64]) -> Pose2 | None:
         """Return a pose with a strictly better score on these landmarks (Algorithm 3), or None.  Deviation: V3."""
+        ...
+
+    def learn(self, catalogue: Catalogue) -> None:
+        """Reckon with changed landmarks and agents from now on; one that is known already changes nothing.
+
+        Then `weights` and `visibility` have at least as many landmarks as the catalogue knows.
+        """
         ...
 
     def propose(self, server: AgentState, client: AgentState) -> Proposal | None:

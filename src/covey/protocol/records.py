@@ -164,6 +164,8 @@ class LandmarkRecords:
     ----------
     values : array, shape (n, 4)
         int64, one record a landmark.
+    first : int, keyword-only
+        How many landmarks the mission began with; all by default.
 
     Raises
     ------
@@ -185,12 +187,14 @@ class LandmarkRecords:
     array([0])
     """
 
-    def __init__(self, values: NDArray[np.int64]) -> None:
+    def __init__(self, values: NDArray[np.int64], *, first: int | None = None) -> None:
         self.changes = 0
         """How often something has been merged."""
         self.values: NDArray[np.int64] = np.array(values, dtype=np.int64)
         if self.values.ndim != 2 or self.values.shape[1] != 4:
             raise ArgumentError(f"values: expected shape (n, 4), got {self.values.shape}")
+        self.first = len(self.values) if first is None else first
+        """How many landmarks the mission began with; those beyond were added."""
 
     @classmethod
     def initial(cls, n: int, partition: Mapping[int, NDArray[np.int64]], *, incarnation: int = 1) -> LandmarkRecords:
@@ -232,7 +236,16 @@ class LandmarkRecords:
 
     def copy(self) -> LandmarkRecords:
         """Return an independent copy."""
-        return LandmarkRecords(self.values)
+        return LandmarkRecords(self.values, first=self.first)
+
+    def grow(self, n: int) -> None:
+        """Have a record for at least n landmarks; of the new ones nothing is known, and they win against nothing."""
+        more = n - len(self.values)
+        if more > 0:
+            unknown = np.zeros((more, 4), dtype=np.int64)
+            unknown[:, OWNER] = NOBODY
+            self.values = np.concatenate([self.values, unknown])
+            self.changes += 1
 
     def slice(self, indices: NDArray[np.int64]) -> RecordSlice:
         """Return a copy of the records of these landmarks, shape (k,), sorted."""
@@ -245,11 +258,11 @@ class LandmarkRecords:
 
     def is_behind(self, records: RecordSlice) -> NDArray[np.bool_]:
         """Return, shape (k,), which of these records are newer than the known ones."""
-        return _newer(records.values, self.values[records.indices])
+        return _newer(records.values, self._known(records.indices))
 
     def is_ahead(self, records: RecordSlice) -> NDArray[np.bool_]:
         """Return, shape (k,), for which of these records a newer one is known."""
-        return _newer(self.values[records.indices], records.values)
+        return _newer(self._known(records.indices), records.values)
 
     def merge(self, records: RecordSlice) -> NDArray[np.bool_]:
         """Keep the newer of each known record and the one given; return, shape (k,), where it was the one given."""
@@ -257,6 +270,11 @@ class LandmarkRecords:
         self.values[records.indices[newer]] = records.values[newer]
         self.changes += 1
         return newer
+
+    def _known(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
+        if len(indices):
+            self.grow(int(indices[-1]) + 1)
+        return self.values[indices]
 
 
 def difference(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:

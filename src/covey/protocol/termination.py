@@ -63,7 +63,8 @@ class TerminationDetector:
         self._dead.add(agent)
 
     def admit(self, agent: int) -> None:
-        """Count an agent that has returned, or begun a new life, as active until it says otherwise."""
+        """Count an agent that is new, has returned, or begun a new life, as active until it says otherwise."""
+        self._newest.setdefault(agent, None)
         self._dead.discard(agent)
         self._active.add(agent)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from covey.errors import ArgumentError
 from covey.geometry import Pose2, wrap_angle
+from covey.protocol.catalogue import Catalogue
 from covey.protocol.holdings import Escrow, Holdings
 from covey.protocol.membership import Membership, Status
 from covey.protocol.messages import Abort, Ack, Busy, Commit, Nothing, Offer, Reason, Request, Sender, TradeId
@@ -41,13 +42,17 @@ class Trader:
         options: NodeOptions | None,
         links: Links | None,
         avoid: tuple[Pose2, ...],
+        catalogue: Catalogue,
     ) -> None:
-        if list(team).count(agent) != 1:
-            raise ArgumentError(f"team: expected agent {agent} once among the agents, got {list(team)}")
+        team = [other for other in [*team, *(set(catalogue.agents) - set(team))] if catalogue.is_present(other)]
+        if team.count(agent) != 1 and catalogue.is_present(agent):
+            raise ArgumentError(f"team: expected agent {agent} once among the agents, got {team}")
         if agent not in poses:
             raise ArgumentError(f"poses: expected the pose of agent {agent}, got those of {sorted(poses)}")
         if links is not None and (options is None or options.membership is None):
             raise ArgumentError("links: expected options.membership as well; who is in reach is heard from heartbeats")
+        if catalogue:
+            planner.learn(catalogue)
         self.agent = agent
         self.sender = Sender(agent, incarnation)
         self.lock = Lock.IDLE
@@ -55,7 +60,7 @@ class Trader:
         self._planner = planner
         self._options = options or NodeOptions()
         self._links = links
-        self._holdings = Holdings(self.sender, records, poses, avoid)
+        self._holdings = Holdings(self.sender, records, poses, avoid, catalogue)
         others = [other for other in team if other != agent]
         self._membership = (
             None if self._options.membership is None else Membership(self.sender, others, self._options.membership)
@@ -106,6 +111,11 @@ class Trader:
     def avoid(self) -> tuple[Pose2, ...]:
         """Poses that the agent could not reach."""
         return self._holdings.avoid
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """What it knows to have changed since the mission began."""
+        return self._holdings.catalogue
 
     @property
     def partners(self) -> frozenset[int]:
@@ -161,7 +171,8 @@ class Trader:
             return
         own = self._holdings
         reason = Reason.STALE
-        if own.epoch == self._asked_in_epoch and not own.contradicts(offer.records) and not own.is_ahead(offer.records):
+        fresh = own.epoch == self._asked_in_epoch and own.are_alive(offer.records.indices)
+        if fresh and not own.contradicts(offer.records) and not own.is_ahead(offer.records):
             proposal = _proposal(offer, self.landmarks)
             verdict = self._judge(AgentState(server, offer.pose.pose, offer.records.indices), own.state, proposal)
             if verdict.accepted:
@@ -234,7 +245,8 @@ class Trader:
         own, client = self._holdings, request.sender.agent
         if self.lock is not Lock.IDLE or not self.at_waypoint or own.contradicts(request.records):
             return Busy(self.sender, request.trade)
-        if self._membership is not None and own.is_ahead(request.records):
+        known = own.are_alive(request.records.indices)  # else one of the two has yet to hear of a change
+        if not known or (self._membership is not None and own.is_ahead(request.records)):
             return Busy(self.sender, request.trade)
         self.poses.merge(client, request.pose)
         if self._links is not None and not self._links(self.agent, self.pose, client, request.pose.pose):
