@@ -6,16 +6,19 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from covey.geometry import Pose2
 from covey.protocol import (
     Ack,
     AgentState,
     Busy,
+    Catalogue,
     Cause,
     Commit,
     Links,
     Lock,
+    Map,
     Memory,
     Message,
     Node,
@@ -26,12 +29,13 @@ from covey.protocol import (
     Planner,
     Proposal,
     Request,
+    Send,
     Sender,
     Trigger,
     Verdict,
     random_order,
 )
-from covey.protocol.records import OWNER
+from covey.protocol.records import NOBODY, OWNER
 
 
 class NoEscrow(Node):
@@ -204,6 +208,45 @@ class RestartsInTheSameLife(Node):
         return super().restart(agent, team, memory, planner, incarnation=1, order=order, options=options, links=links)
 
 
+class RemovedLandmarksComeBack(Node):
+    """An agent forgets what was removed: what others still remember of it counts as news."""
+
+    def _take_in(self, now: float, catalogue: Catalogue, outputs: list[Output]) -> None:
+        landmarks = {k: record for k, record in catalogue.landmarks.items() if record.alive}
+        super()._take_in(now, Catalogue(landmarks, catalogue.agents), outputs)
+
+
+class LosesWhatALeaverOwned(Node):
+    """What an agent owned that leaves is left to nobody: it is not among the dead."""
+
+    def _orphans(self) -> NDArray[np.int64]:
+        without = super()._orphans()
+        owners = self.records.values[without, OWNER]
+        return without[[self.catalogue.is_present(int(owner)) for owner in owners]]
+
+
+class IgnoresNewWeights(Node):
+    """An agent learns what landmarks are worth now, and goes on as before."""
+
+    def _changed_from_outside(self) -> None:
+        pass
+
+
+class MapsWithoutChanges(Node):
+    """Agents do not tell each other what an operator has changed."""
+
+    def _send_map(self, to: int, outputs: list[Output]) -> None:
+        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
+
+
+class AddedLandmarksAreNobodys(Node):
+    """Only what somebody has owned is adopted."""
+
+    def _orphans(self) -> NDArray[np.int64]:
+        without = super()._orphans()
+        return without[self.records.values[without, OWNER] != NOBODY]
+
+
 MUTANTS: Mapping[str, type[Node]] = MappingProxyType(
     {
         "no-escrow": NoEscrow,
@@ -222,6 +265,11 @@ MUTANTS: Mapping[str, type[Node]] = MappingProxyType(
         "reclaims-without-generation": ReclaimsWithoutGeneration,
         "waits-for-the-dead": WaitsForTheDead,
         "restarts-in-the-same-life": RestartsInTheSameLife,
+        "removed-landmarks-come-back": RemovedLandmarksComeBack,
+        "loses-what-a-leaver-owned": LosesWhatALeaverOwned,
+        "ignores-new-weights": IgnoresNewWeights,
+        "maps-without-changes": MapsWithoutChanges,
+        "added-landmarks-are-nobodys": AddedLandmarksAreNobodys,
     }
 )
 """The protocols by name."""

@@ -238,7 +238,8 @@ def draw(seed: int) -> Scenario:
         calm_after=calm_after,
         steps=int(rng.integers(100, 1200)),
     )
-    return replace(scenario, changes=_draw_changes(np.random.default_rng([seed, 2]), scenario))
+    faults = (*scenario.faults, *(() if healthy else _draw_lost_commits(np.random.default_rng([seed, 4]), scenario)))
+    return replace(scenario, faults=faults, changes=_draw_changes(np.random.default_rng([seed, 2]), scenario))
 
 
 def _draw_options(rng: np.random.Generator, spread: float, membership: MembershipOptions) -> NodeOptions:
@@ -284,6 +285,14 @@ def _draw_faults(
         lasts = float(rng.uniform(0.7, 1.5)) * options.dead_after
         faults.append(Isolation(_draw_step(rng), int(rng.integers(agents)), lock, lasts, bool(rng.random() < 0.5)))
     return tuple(faults)
+
+
+def _draw_lost_commits(rng: np.random.Generator, scenario: Scenario) -> Iterator[Isolation]:
+    """Draw clients that are cut off when they commit, until about when one of the two declares the other dead."""
+    options = scenario.membership
+    for _ in range(int(rng.choice([0, 0, 1, 3]))):
+        lasts = options.dead_after + float(rng.uniform(0.0, 1.5)) * options.heartbeat_every
+        yield Isolation(int(rng.integers(60)), int(rng.integers(scenario.agents)), Lock.CLIENT_DONE, lasts, True)
 
 
 def _draw_changes(rng: np.random.Generator, scenario: Scenario) -> tuple[Alteration, ...]:
