@@ -222,7 +222,9 @@ class LosesWhatALeaverOwned(Node):
     def _orphans(self) -> NDArray[np.int64]:
         without = super()._orphans()
         owners = self.records.values[without, OWNER]
-        return without[[self.catalogue.is_present(int(owner)) for owner in owners]]
+        stays = np.array([self.catalogue.is_present(int(owner)) for owner in owners], dtype=np.bool_)
+        kept: NDArray[np.int64] = without[stays]
+        return kept
 
 
 class IgnoresNewWeights(Node):
@@ -244,7 +246,8 @@ class AddedLandmarksAreNobodys(Node):
 
     def _orphans(self) -> NDArray[np.int64]:
         without = super()._orphans()
-        return without[self.records.values[without, OWNER] != NOBODY]
+        kept: NDArray[np.int64] = without[self.records.values[without, OWNER] != NOBODY]
+        return kept
 
 
 MUTANTS: Mapping[str, type[Node]] = MappingProxyType(

@@ -14,6 +14,8 @@ from pydantic_core import ErrorDetails
 from covey.environment import Landmarks
 from covey.environment.json_text import KeyPath, describe
 from covey.geometry import Pose2, Region
+from covey.mission.changes import ChangeSpec
+from covey.mission.changes_build import ChangeBuilder
 from covey.mission.flight_build import build_flight
 from covey.mission.flight_schema import FlightSection
 from covey.mission.model import (
@@ -35,6 +37,7 @@ from covey.mission.schema import (
     ORIENTED_MODELS,
     SCHEMA_VERSIONS,
     AgentSection,
+    ChangeSection,
     CommunicationSection,
     CountSection,
     CoverageOptions,
@@ -63,6 +66,7 @@ class _Parts:
     agents: list[AgentSection | None]
     coverage: CoverageOptions | None
     communication: CommunicationSection | None
+    changes: list[ChangeSection]
     georeference: GeoreferenceSection | None
     flight: FlightSection | None
 
@@ -88,6 +92,7 @@ def build(data: Any, report: Report, *, folder: Path, path: Path | None, seed: i
             list(_agents(file.agents)),
             file.coverage,
             file.communication,
+            file.changes,
             file.georeference,
             file.flight,
         )
@@ -160,6 +165,7 @@ def _salvage(data: dict[str, Any]) -> _Parts:
         ],
         _valid(CoverageOptions, data.get("coverage", {})),
         _valid(CommunicationSection, data.get("communication")),
+        [],
         _valid(GeoreferenceSection, data.get("georeference")),
         _valid(FlightSection, data.get("flight")),
     )
@@ -202,12 +208,13 @@ class _Builder:
         if file is not None and seed is None:
             seed = file.seed
         agents = [
-            self._agent_spec(i, agent, sites, sensor, region, landmarks, seed or 0)
+            self._agent_spec(_agent(i), i, agent, sites, sensor, region, landmarks, seed or 0)
             for i, agent in enumerate(parts.agents)
         ]
         names = self._names(data.get("agents"))
         coverage = self._coverage(parts.coverage, names, None if landmarks is None else len(landmarks))
         communication = self._communication(parts.communication, names)
+        changes = self._changes(parts.changes, names, landmarks, sites, sensor, region, seed or 0)
         flight = build_flight(parts.flight, names, self._report, folder=self._folder)
         if (
             file is None
@@ -232,6 +239,7 @@ class _Builder:
             ),
             coverage=coverage,
             communication=communication,
+            changes=tuple(changes),
             flight=flight,
             georeference=georeference,
             source=data,
@@ -283,6 +291,7 @@ class _Builder:
 
     def _agent_spec(
         self,
+        path: KeyPath,
         index: int,
         section: AgentSection | None,
         sites: SiteBuilder,
@@ -293,7 +302,6 @@ class _Builder:
     ) -> AgentSpec | None:
         if section is None:
             return None
-        path = _agent(index)
         sensor_path: KeyPath = ("sensor",)
         if section.sensor is not None:
             sensor_path = (*path, "sensor")
@@ -309,16 +317,16 @@ class _Builder:
             region = sites.region(section.region, (*path, "region"))
         if region is None:
             return None
-        pose = self._pose(section, region, index, seed)
+        pose = self._pose(section, region, path, index, seed)
         if sensor is None or pose is None:
             return None
         return AgentSpec(section.name, pose, sensor, region, drawn=section.pose is None)
 
-    def _pose(self, section: AgentSection, region: Region, index: int, seed: int) -> Pose2 | None:
+    def _pose(self, section: AgentSection, region: Region, path: KeyPath, index: int, seed: int) -> Pose2 | None:
         if section.pose is None:
             x_min, x_max, y_min, y_max = region.bounds
             if region.shape.area < _THINNEST * (x_max - x_min) * (y_max - y_min):
-                self._report.add(_agent(index), "expected a pose, its region is too thin to draw one in", "add pose:")
+                self._report.add(path, "expected a pose, its region is too thin to draw one in", "add pose:")
                 return None
             return draw_pose(region, seed=seed, index=index)
         x, y = section.pose.x_m, section.pose.y_m
@@ -326,7 +334,7 @@ class _Builder:
             inside = region.project(x, y)
             away = math.dist((x, y), inside)
             self._report.add(
-                (*_agent(index), "pose"),
+                (*path, "pose"),
                 f"expected a position inside its region, ({x:g}, {y:g}) is {away:.3g} m outside",
                 f"the nearest inside is ({inside[0]:g}, {inside[1]:g})",
             )
@@ -348,6 +356,31 @@ class _Builder:
                 self._report.add((*_agent(i), "name"), message)
             first.setdefault(name, i)
         return list(first)
+
+    def _changes(
+        self,
+        sections: list[ChangeSection],
+        names: list[str],
+        landmarks: Landmarks | None,
+        sites: SiteBuilder,
+        sensor: SensorSpec | None,
+        region: Region | None,
+        seed: int,
+    ) -> list[ChangeSpec]:
+        builder = ChangeBuilder(names, landmarks, self._report)
+        changes = []
+        for i, section in enumerate(sections):
+            path: KeyPath = ("changes", i)
+            changes.append(builder.build(section, path))
+            if section.join is not None:
+                self._agent_spec((*path, "join"), len(names), section.join, sites, sensor, region, landmarks, seed)
+        return [change for change in changes if change is not None]
+
+    def joining(self, mission: Mission, index: int, section: AgentSection) -> AgentSpec | None:
+        """Build an agent that joins a mission."""
+        sites = SiteBuilder(self._report, self._folder, origin=mission.georeference)
+        parts = (sites, mission.sensor, mission.region, mission.landmarks, mission.seed)
+        return self._agent_spec((), index, section, *parts)
 
     def _communication(self, section: CommunicationSection | None, names: list[str]) -> CommunicationSpec | None:
         if section is None:
@@ -407,6 +440,13 @@ class _Builder:
         if missing:
             shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
             self._report.add(path, f"expected each landmark once, {len(missing):,} have no owner: {shown}")
+
+
+def build_agent(mission: Mission, index: int, section: AgentSection, report: Report) -> AgentSpec | None:
+    """Build an agent that joins a mission, or note every mistake in the report and return None."""
+    folder = Path() if mission.path is None else mission.path.parent
+    agent = _Builder(report, folder).joining(mission, index, section)
+    return None if report.mistakes else agent
 
 
 def _numbered(index: int) -> str:

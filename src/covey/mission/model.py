@@ -13,6 +13,7 @@ import numpy as np
 
 from covey.environment import GeoReference, Landmarks
 from covey.geometry import Pose2, Region
+from covey.mission.changes import ChangeSpec
 from covey.mission.flight import FlightSpec
 
 _POSE_STREAM = 1
@@ -148,6 +149,8 @@ class Mission:
     coverage : CoverageSpec
     communication : CommunicationSpec or None
         Who can trade with whom; everybody with everybody by default.
+    changes : tuple of ChangeSpec
+        What an operator changes while it runs, in order.
     flight : FlightSpec
         How it is flown.
     georeference : GeoReference or None
@@ -167,6 +170,7 @@ class Mission:
     agents: tuple[AgentSpec, ...]
     coverage: CoverageSpec
     communication: CommunicationSpec | None = None
+    changes: tuple[ChangeSpec, ...] = ()
     flight: FlightSpec = field(default_factory=FlightSpec)
     georeference: GeoReference | None = None
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)

@@ -237,6 +237,43 @@ class CommunicationSection(Section):
     )
 
 
+class AddedSection(Section):
+    """Landmarks to be seen as well."""
+
+    points: list[Corner] = Field(min_length=1, description="Where, [x, y], metres")
+    weight: Weight = Field(default=1.0, description="What each is worth")
+    normal_deg: Degrees | None = Field(
+        default=None, description="Direction that each faces, degrees counter-clockwise from x"
+    )
+
+
+class ReweightedSection(Section):
+    """Landmarks that are worth something else."""
+
+    landmarks: list[Annotated[int, Field(ge=0)]] = Field(min_length=1, description="Their numbers")
+    weight: Weight = Field(description="What each is worth from then on")
+
+
+class ChangeSection(Section):
+    """One change: exactly one of add, remove, reweight, join, leave; by default when the team has settled."""
+
+    model_config = ConfigDict(json_schema_extra=one_of_keys("add", "remove", "reweight", "join", "leave"))
+
+    after_trades: int | None = Field(default=None, ge=0, description="When so many trades have been made")
+    at_s: float | None = Field(
+        default=None, ge=0.0, le=1e9, description="When the team has been at work so long, seconds"
+    )
+    add: AddedSection | None = Field(
+        default=None, description="Landmarks to be seen as well; they get the next numbers"
+    )
+    remove: list[Annotated[int, Field(ge=0)]] | None = Field(
+        default=None, min_length=1, description="Numbers of landmarks to be seen no more"
+    )
+    reweight: ReweightedSection | None = Field(default=None, description="Landmarks that are worth something else")
+    join: AgentSection | None = Field(default=None, description="An agent that takes part from then on, with its pose")
+    leave: Name | None = Field(default=None, description="The agent that takes part no more")
+
+
 class GeoreferenceSection(Section):
     """Where on earth the origin of the mission's metres is."""
 
@@ -265,6 +302,9 @@ class MissionFile(Section):
     coverage: CoverageOptions = Field(default=CoverageOptions(), description="How the team trades")
     communication: CommunicationSection | None = Field(
         default=None, description="Which agents can trade with each other; all by default"
+    )
+    changes: list[ChangeSection] = Field(
+        default=[], description="What an operator changes while the mission runs, in order; `covey fly` refuses it"
     )
     flight: FlightSection | None = Field(default=None, description="How it is flown; only `covey fly` reads it")
     georeference: GeoreferenceSection | None = Field(

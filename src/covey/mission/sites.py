@@ -50,13 +50,15 @@ class SiteBuilder:
     report : Report
     folder : Path
         Where the files are that the mission names.
+    origin : GeoReference, keyword-only, optional
+        Of a mission that is built already.
     """
 
-    def __init__(self, report: Report, folder: Path) -> None:
+    def __init__(self, report: Report, folder: Path, *, origin: GeoReference | None = None) -> None:
         self._report = report
         self._folder = folder
         self._polygons: dict[str, GeoPolygon | None] = {}
-        self._origin: GeoReference | None = None
+        self._origin = origin
 
     def georeference(
         self,

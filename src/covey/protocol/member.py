@@ -211,8 +211,7 @@ class Member(Trader):
         if self._membership is not None:
             self._detector.receive(heartbeat)
 
-    def _on_map(self, now: float, message: Map, outputs: list[Output]) -> None:
-        self._take_in(now, message.catalogue, outputs)
+    def _on_map(self, message: Map) -> None:
         if self._membership is not None and self.lock is not Lock.SERVER_PREPARED and not self.left:
             self._maps_from.add(message.sender.agent)
             self._learn(message.records, message.poses)

@@ -242,6 +242,8 @@ class Node(Member):
             return self.change(now, message.catalogue)
         if self.left:
             return outputs
+        if isinstance(message, Map):  # it may be what introduces its sender
+            self._take_in(now, message.catalogue, outputs)
         if self._membership is not None and not self._hear(now, message.sender, outputs):
             return self._finish(outputs)
         match message:
@@ -267,7 +269,7 @@ class Node(Member):
             case Heartbeat() if message.sender.agent != self.agent:
                 self._on_heartbeat(message)
             case Map():
-                self._on_map(now, message, outputs)
+                self._on_map(message)
             case _:
                 pass  # a late answer to a trade that is over
         return self._finish(outputs)

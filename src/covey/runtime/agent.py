@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from covey.coverage import transfer
 from covey.environment import Landmarks
 from covey.errors import InputError
 from covey.geometry import Pose2, Region
-from covey.mission import Mission, OptimizerName, Trade
+from covey.mission import AgentSpec, Mission, OptimizerName, SensorSpec, Trade, read_agent
 from covey.optimize import (
     DifferentialEvolution,
     Exact,
@@ -21,7 +22,16 @@ from covey.optimize import (
     PoseProblem,
     Search,
 )
-from covey.protocol import AgentState, PoseRecords, Proposal, coverage_score
+from covey.protocol import (
+    EMPTY,
+    AgentChange,
+    AgentState,
+    Catalogue,
+    LandmarkChange,
+    PoseRecords,
+    Proposal,
+    coverage_score,
+)
 from covey.runtime.streams import Stream, generator
 from covey.sensing import VisibilityModel, build_model, is_compiled
 
@@ -32,6 +42,9 @@ FEW, FAR = 24, 2.0
 """In a team of more than FEW, two agents whose landmarks lie further apart than FAR optimal distances only compare what
 they see: that saves most of the time, and costs much only where few landmarks lie scattered.
 """
+
+BLIND = SensorSpec("blind", {})
+"""Of an agent that sees nothing."""
 
 PROBES = 8
 PROBED_LANDMARKS = 200
@@ -116,10 +129,78 @@ class TeamPlanner:
         self.regions: list[Region] = [agent.region for agent in mission.agents]
         self.optimizer = build_optimizer(optimizer)
         self.optimizations = 0
+        self.agents = list(mission.agents)
+        self.catalogue = EMPTY
+        """All that has changed since the mission began."""
+        self.alive: NDArray[np.bool_] = np.ones(len(mission.landmarks), dtype=np.bool_)
+        """Which landmarks are to be seen, shape (n,)."""
+        self._mission, self._seed = mission, seed
+        self._began_with = (len(mission.landmarks), len(mission.agents))
         self._trade = trade
         self._rngs = [generator(seed, Stream.PLANNER, agent) for agent in range(len(mission.agents))]
         self._pair = PairSearch()
         self._seen: list[dict[Pose2, NDArray[np.float64]]] = [{} for _ in mission.agents]
+
+    def learn(self, catalogue: Catalogue) -> None:
+        """Reckon with changed landmarks and agents from now on; one that is known already changes nothing.
+
+        Raises
+        ------
+        InputError
+            If it describes an agent that cannot be built.
+        """
+        merged = self.catalogue.merged(catalogue)
+        if merged is self.catalogue:
+            return
+        for agent, record in sorted(merged.agents.items()):
+            if agent >= self._began_with[1] and record != self.catalogue.agents.get(agent):
+                self._enrol(agent, record)
+        if merged.landmarks is not self.catalogue.landmarks:
+            self._relist(merged)
+        self.catalogue = merged
+
+    def landmark(self, k: int) -> LandmarkChange:
+        """Return what is known of a landmark, as a change that changes nothing."""
+        if k in self.catalogue.landmarks:
+            return self.catalogue.landmarks[k]
+        x, y = self.landmarks.positions_W[k].tolist()
+        normal = (0.0, 0.0) if self.landmarks.normals_W is None else self.landmarks.normals_W[k].tolist()
+        return LandmarkChange(0, bool(self.alive[k]), float(self.weights[k]), x, y, *normal)
+
+    def _enrol(self, agent: int, record: AgentChange) -> None:
+        """Learn of an agent that joins; numbers are given in order, but may become known in another."""
+        while len(self.models) <= agent:
+            number = len(self.models)
+            self.models.append(build_model("blind", {}))
+            self.regions.append(self._mission.region)
+            self.agents.append(AgentSpec(f"agent {number}", Pose2(0.0, 0.0, 0.0), BLIND, self._mission.region))
+            self._rngs.append(generator(self._seed, Stream.PLANNER, number))
+            self._seen.append({})
+        if record.specification:
+            specification = read_agent(self._mission, agent, record.specification)
+            self.agents[agent], self.regions[agent] = specification, specification.region
+            (self.models[agent],) = build_models(replace(self._mission, agents=(specification,)))
+            self._seen[agent].clear()
+
+    def _relist(self, catalogue: Catalogue) -> None:
+        """List the landmarks anew, those that are removed without weight."""
+        n = max(len(self.landmarks), max(catalogue.landmarks) + 1)
+        more = n - len(self.landmarks)
+        positions = np.concatenate([self.landmarks.positions_W, np.zeros((more, 2))])
+        weights = np.concatenate([self.weights, np.zeros(more)])
+        normals = self.landmarks.normals_W
+        if normals is not None:
+            normals = np.concatenate([normals, np.tile([1.0, 0.0], (more, 1))])
+        for k, record in catalogue.landmarks.items():
+            positions[k], weights[k] = (record.x, record.y), record.weight if record.alive else 0.0
+            if normals is not None and (record.normal_x or record.normal_y):
+                normals[k] = record.normal_x, record.normal_y
+        cell = None if more else self.landmarks.cell_size  # what is added stands on no grid
+        self.landmarks = Landmarks(positions, weights, normals, cell)
+        self.weights = self.landmarks.weights
+        self.alive = catalogue.alive(self._began_with[0], n)
+        for seen in self._seen:
+            seen.clear()
 
     def restrict(self, agent: int, region: Region) -> None:
         """From now on offer an agent only positions in this region."""
@@ -214,5 +295,8 @@ class TeamPlanner:
 def nearest_first(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:
     """Ask the partners whose poses are nearest first: they have most to trade."""
     own = poses.pose(agent)
-    away = [np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) for other in candidates]
+    away = [
+        np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) if other in poses else np.inf
+        for other in candidates
+    ]
     return [candidates[i] for i in np.argsort(away, kind="stable")]

@@ -73,7 +73,10 @@ def to_document(deployment: Deployment, *, folder: Path | None = None) -> dict[s
             for name in ("initial", "after_first_optimization", "after_first_trade", "final")
         },
         "score_history": [_number(entry.score) for entry in deployment.history],
-        "score_events": [{"event": entry.event, "agents": list(entry.agents)} for entry in deployment.history],
+        "score_events": [
+            {"event": entry.event, "agents": list(entry.agents)} | ({"detail": entry.detail} if entry.detail else {})
+            for entry in deployment.history
+        ],
         "trades": int(deployment.trades),
         "pose_optimizations": int(deployment.pose_optimizations),
         "agents": agents,
@@ -397,7 +400,10 @@ def _read_history(root: CheckedValue) -> tuple[HistoryEntry, ...]:
         root["score_events"].fail(f"one entry a score, {len(scores)} of them")
     return tuple(
         HistoryEntry(
-            event["event"].text(), tuple(name.text() for name in event["agents"].items()), score.known(math.nan)
+            event["event"].text(),
+            tuple(name.text() for name in event["agents"].items()),
+            score.known(math.nan),
+            event["detail"].text() if "detail" in event.mapping() else "",
         )
         for score, event in zip(scores, events, strict=True)
     )

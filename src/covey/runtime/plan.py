@@ -20,6 +20,7 @@ from covey.optimize.team_bound import require_built_in
 from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
+from covey.runtime.changing import ChangingTeam
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
 from covey.runtime.streams import Stream, generator
@@ -119,18 +120,23 @@ class PlanRun:
         *,
         travel: Travel | None = None,
     ) -> None:
-        self.mission = mission
         self.seed = mission.seed
         self.models = build_models(mission)
         coverage = mission.coverage
         self.planner = TeamPlanner(
             mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
         )
-        self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
+        kind = ChangingTeam if mission.changes else Team
+        self.team = kind(mission, self.planner, seed=self.seed, travel=travel)
         self.teller: TeamTeller | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
+
+    @property
+    def mission(self) -> Mission:
+        """The mission as it is now."""
+        return self.team.mission
 
     def deployment(self, *, bound: bool = False, baseline: bool = False) -> Deployment:
         """Plan to the end, prove it, and return what came out."""
@@ -153,7 +159,9 @@ class PlanRun:
                 with self._timed("baseline"):
                     self.report("baseline", force=True)
                     rng = generator(self.seed, Stream.BASELINE)
-                    result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
+                    standing = self.team.standing()
+                    found_without = greedy_lloyd(standing.mission, standing.models, rng=rng)
+                    result = replace(result, baseline=found_without)
         self.timing["total"] = sum(self.timing.values())
         return replace(result, timing_s=self.timing)
 
@@ -171,12 +179,15 @@ class PlanRun:
         team = self.team
         if status is PlanStatus.INTERRUPTED:
             team.rescore()  # the interrupt may have come in the middle of an event
+        standing = team.standing()
         agents = tuple(
-            AgentResult(specification.name, team.poses[i], float(team.scores[i]), landmarks)
-            for i, (specification, landmarks) in enumerate(zip(self.mission.agents, team.sets(), strict=True))
+            AgentResult(specification.name, pose, score, landmarks)
+            for specification, pose, score, landmarks in zip(
+                standing.mission.agents, standing.poses, standing.scores, standing.sets, strict=True
+            )
         )
         return Deployment(
-            mission=self.mission,
+            mission=standing.mission,
             seed=self.seed,
             sigma=self.mission.coverage.sigma,
             trade=self.mission.coverage.trade,
@@ -209,7 +220,7 @@ class PlanRun:
     def _respecify(self, agent: int, **changes: Any) -> None:
         agents = list(self.mission.agents)
         agents[agent] = replace(agents[agent], **changes)
-        self.mission = self.team.mission = replace(self.mission, agents=tuple(agents))
+        self.team.mission = replace(self.mission, agents=tuple(agents))
 
     def _settle(self) -> Certificate:
         """Trade to the end and prove every pose; go on as long as a proof finds a better one."""
@@ -219,18 +230,23 @@ class PlanRun:
                 self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
         proved: dict[int, tuple[object, object, bytes]] = {}
+        landmarks = self.mission.landmarks
         while True:
             with self._timed("trading"):
                 while team.advance():
                     self.report("trading")
             with self._timed("proof"):
-                sets = team.sets()
-                states = {i: (self.mission.agents[i], team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                standing = team.standing()
+                mission, poses, sets = standing.mission, standing.poses, standing.sets
+                if mission.landmarks is not landmarks:  # they are numbered anew
+                    landmarks = mission.landmarks
+                    proofs, proved = {}, {}
+                states = {i: (mission.agents[i], poses[i], sets[i].tobytes()) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
-                    self.mission,
-                    self.models,
-                    team.poses,
+                    mission,
+                    standing.models,
+                    poses,
                     sets,
                     open_agents,
                     seed=self.seed,
@@ -238,10 +254,10 @@ class PlanRun:
                 )
                 proved |= {i: states[i] for i in open_agents}
                 least = LEAST_GAIN * self.mission.coverage.sigma
-                better = [i for i in open_agents if len(sets[i]) and proofs[i].score > team.scores[i] + least]
-                adopted = [i for i in better if team.adopt(i, proofs[i].pose)]
+                better = [i for i in open_agents if len(sets[i]) and proofs[i].score > standing.scores[i] + least]
+                adopted = [i for i in better if team.adopt(standing.agents[i], proofs[i].pose)]
                 if not adopted:
-                    return build_certificate(self.mission, self.models, team.poses, sets, proofs)
+                    return build_certificate(mission, standing.models, poses, sets, proofs)
 
     def _report_proofs(self, done: int, *, of: int) -> None:
         self.report("proving", fraction=done / of)

@@ -96,16 +96,21 @@ class HistoryEntry:
     Parameters
     ----------
     event : str
-        ``initial``, ``optimization``, ``trade`` or ``proof`` (the proof of a pose found a better one).
+        ``initial``, ``optimization``, ``trade`` or ``proof`` (the proof of a pose found a better one); where an
+        operator changed the mission ``added``, ``removed``, ``reweighted``, ``joined`` or ``left``, and ``adopted`` (an
+        agent took landmarks over that had no owner).
     agents : tuple of str
         The agents that it concerned.
     score : float
         Team score after it.
+    detail : str
+        More on it, in words: which landmarks an operator changed.
     """
 
     event: str
     agents: tuple[str, ...]
     score: float
+    detail: str = ""
 
 
 @dataclass(frozen=True)
@@ -207,7 +212,7 @@ class Deployment:
     status : PlanStatus
     score : Scores
     history : tuple of HistoryEntry
-        Every change in order; the scores never fall.
+        Every change in order; the scores fall only where an operator changed the mission, or a waypoint was given up.
     trades, pose_optimizations : int
         How many trades were completed and how many pose problems were solved.
     agents : tuple of AgentResult

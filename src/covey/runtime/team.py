@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +33,7 @@ from covey.runtime.agent import TeamPlanner, nearest_first
 from covey.runtime.links import build_links
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
+from covey.sensing import VisibilityModel
 from covey.transports import Loopback
 
 MEMBERSHIP = MembershipOptions(heartbeat_every=1.0, dead_after=1e6, map_every=0.1)
@@ -67,6 +69,32 @@ class Teleport:
     def wait(self, agent: int) -> Pose2 | None:
         """Return None."""
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A team at one moment.
+
+    Parameters
+    ----------
+    mission : Mission
+        With the landmarks and agents of that moment.
+    models : tuple of VisibilityModel
+        Each agent's sensor.
+    agents : tuple of int
+        The number of each agent in its team.
+    poses : tuple of Pose2
+    scores : tuple of float
+    sets : tuple of array, shape (k,)
+        The sorted landmarks of each agent.
+    """
+
+    mission: Mission
+    models: tuple[VisibilityModel, ...]
+    agents: tuple[int, ...]
+    poses: tuple[Pose2, ...]
+    scores: tuple[float, ...]
+    sets: tuple[NDArray[np.int64], ...]
 
 
 class Onlooker(Protocol):
@@ -142,7 +170,8 @@ class Team:
         )
         poses = dict(enumerate(self.poses))
         links = build_links(mission)
-        options = None if links is None else NodeOptions(membership=MEMBERSHIP)
+        options = None if links is None and not mission.changes else NodeOptions(membership=MEMBERSHIP)
+        self._links, self._options = links, options
         self.nodes = [
             Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options, links=links)
             for agent in agents
@@ -158,6 +187,11 @@ class Team:
         """Team score at the committed poses, eq. (4.5)."""
         return float(self.scores.sum())
 
+    @property
+    def settled(self) -> bool:
+        """Whether every agent is quiescent and no trade is in flight, as an observer detects it."""
+        return self._detector.terminated
+
     def start(self) -> Iterator[None]:
         """Optimise every agent's first pose, one an iteration."""
         for agent in range(len(self.nodes)):
@@ -172,10 +206,10 @@ class Team:
         That is when every agent is quiescent and no trade is in flight, as an observer detects it, and everybody has
         arrived.
         """
-        if self._detector.terminated:
+        if self.settled:
             for agent in range(len(self.nodes)):
                 self._await(agent)
-            return not self._detector.terminated
+            return not self.settled
         concerned = self.bus.next_agent()
         if concerned is not None and self._await(concerned):
             return True
@@ -231,6 +265,12 @@ class Team:
     def sets(self) -> list[NDArray[np.int64]]:
         """Return the sorted landmarks of each agent."""
         return [np.flatnonzero(self.owner == agent) for agent in range(len(self.nodes))]
+
+    def standing(self) -> Standing:
+        """Return the team as it is now."""
+        scores = tuple(float(score) for score in self.scores)
+        agents = tuple(range(len(self.nodes)))
+        return Standing(self.mission, tuple(self.planner.models), agents, tuple(self.poses), scores, tuple(self.sets()))
 
     def summary(self) -> Scores:
         """Return the scores at the four moments; NaN for one that was not reached."""
