@@ -257,7 +257,8 @@ class Simulation:
             self._change(operator.pending.pop(0))
         if self._calm and not operator.has_repeated:
             operator.has_repeated = True
-            self._post(OPERATOR, min(self.nodes), Change(Sender(OPERATOR, 1), operator.known))
+            stays = [agent for agent in self.nodes if operator.known.is_present(agent)]
+            self._post(OPERATOR, min(stays, default=0), Change(Sender(OPERATOR, 1), operator.known))
         if self._rng.random() < self.scenario.proofs and not self._calm:
             self._prove(int(self._rng.integers(self.scenario.agents)))
         match item:
@@ -468,6 +469,7 @@ class Simulation:
         self.nodes[agent] = self._kind.restart(
             agent, range(m), memory, self._thinker(), incarnation=life, options=options, links=self._links
         )
+        self._operator.has_repeated = not self.scenario.changes  # nobody else may be there who knows
         self._checker.forget(agent)
         self.coverage["restarts" if item.remembers else "amnesic_restarts"] += 1
         self._say(f"agent {agent} starts again, {'with' if item.remembers else 'without'} memory, life {life}")

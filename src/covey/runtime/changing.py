@@ -22,7 +22,9 @@ from covey.protocol import (
     LandmarksAdopted,
     Node,
     Sender,
+    TradeCommitted,
 )
+from covey.protocol.records import OWNER
 from covey.runtime.agent import TeamPlanner, nearest_first
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
@@ -110,6 +112,7 @@ class ChangingTeam(Team):
         self._moments: dict[str, float] = {}
         self._standing: tuple[Catalogue, Standing] | None = None
         super().__init__(mission, planner, seed=seed, travel=travel)
+        self._newest = self.nodes[0].records.copy()
         self._moments["initial"] = self.score
 
     @property
@@ -142,8 +145,6 @@ class ChangingTeam(Team):
         news = catalogue_of(change, self.planner, [agent.name for agent in self.mission.agents])
         self.planner.learn(news.catalogue)
         landmarks = self.planner.landmarks
-        unowned = np.full(len(landmarks) - len(self.owner), -1, dtype=np.int64)
-        self.owner = np.concatenate([self.owner, unowned])
         self.mission = replace(self.mission, landmarks=landmarks, agents=tuple(self.planner.agents))
         agents = tuple(news.catalogue.agents)
         for agent in agents:
@@ -152,6 +153,7 @@ class ChangingTeam(Team):
             else:
                 self._present[agent] = False
                 self._detector.bury(agent)
+        self.owner = self._owners()
         self.snapshots = []
         self.rescore()
         names = tuple(self.mission.agents[agent].name for agent in agents)
@@ -185,22 +187,31 @@ class ChangingTeam(Team):
     def _act(self, agent: int, outputs: Sequence[GoTo | Event]) -> None:
         for output in outputs:
             if isinstance(output, LandmarksAdopted):
-                self.owner[output.records.indices] = output.agent
-                self._log("adopted", (output.agent,))
+                # Two may adopt the same at once, and one of them hears later that it is the other's.
+                self._newest.merge(output.records)
+                before = self.owner
+                self.owner = self._owners()
+                others = set(before[before != self.owner].tolist()) - {-1, output.agent}
+                self._log("adopted", (output.agent, *sorted(others)))
+            elif isinstance(output, TradeCommitted):
+                self._newest.merge(self.nodes[output.client].records.all())
+                super()._act(agent, (output,))
             else:
                 super()._act(agent, (output,))
 
     def _log(self, event: str, agents: tuple[int, ...]) -> None:
-        self._disown()
+        self.owner = self._owners()
         super()._log(event, agents)
 
-    def _disown(self) -> None:
-        """Leave what is removed to nobody, and what those own that have left."""
+    def _owners(self) -> NDArray[np.int64]:
+        """Return who owns each landmark by the newest records; -1: nobody, it is removed, or its owner has left."""
+        self._newest.grow(len(self.planner.landmarks))
+        owner = self._newest.values[:, OWNER].copy()
         gone = [agent for agent, present in enumerate(self._present) if not present]
-        self.owner[~self.planner.alive | np.isin(self.owner, gone)] = -1
+        owner[~self.planner.alive | np.isin(owner, gone)] = -1
+        return owner
 
     def _all_scores(self) -> NDArray[np.float64]:
-        self._disown()
         weights = self.planner.weights
         return np.array(
             [
@@ -220,11 +231,6 @@ class ChangingTeam(Team):
         nan, known = float("nan"), self._moments
         first_optimization = known.get("after_first_optimization", nan)
         return Scores(known["initial"], first_optimization, known.get("after_first_trade", nan), self.score)
-
-    def sets(self) -> list[NDArray[np.int64]]:
-        """Return the sorted landmarks of each agent that ever took part."""
-        self._disown()
-        return super().sets()
 
     def standing(self) -> Standing:
         """Return the team as it is now: landmarks and agents are numbered anew, without those that are gone."""
