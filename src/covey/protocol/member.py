@@ -112,13 +112,17 @@ class Member(Trader):
 
     def _say_farewell(self, outputs: list[Output]) -> None:
         """Withdraw an open request, and tell all others everything: above all that this agent has left."""
-        assert self._membership is not None
         if self.lock is Lock.CLIENT_WAIT and self._pending is not None:
             outputs.append(Send(self._pending.to, Abort(self.sender, self._open, Reason.STALE)))
+        self._tell_all(outputs)
+        outputs.append(AgentLeft(self.agent, self.agent))
+
+    def _tell_all(self, outputs: list[Output]) -> None:
+        """Tell all that live everything."""
+        assert self._membership is not None
         for agent in self._membership.living:
             if agent != self.agent:
                 self._send_map(agent, outputs)
-        outputs.append(AgentLeft(self.agent, self.agent))
 
     # Others live and die.
 
@@ -200,6 +204,7 @@ class Member(Trader):
             outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
             self._orphaned = len(self._orphans()) > 0
             self._changed_from_outside()
+            self._tell_all(outputs)  # before somebody adopts them as well
 
     def _orphans(self) -> NDArray[np.int64]:
         """Return the sorted landmarks that are to be seen and have no owner that lives."""
