@@ -30,6 +30,11 @@ from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Standing, Team, Travel
 
+UNHEARD = "decided before all had heard of the change"
+"""Why the score fell after a change, beside the change itself."""
+
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class News:
@@ -99,9 +104,10 @@ class ChangingTeam(Team):
 
     Notes
     -----
-    Everybody is told of a change over the bus, and the team counts a change as made when it is told: the score of
-    the history falls or rises there, and from there on it falls no more until the next change.  Agents and landmarks
-    keep their numbers; `standing` leaves out those that are gone.
+    Everybody is told of a change over the bus, and the team counts a change as made when it is told: there the score of
+    the history falls or rises.  Until all have heard of it and agree on who adopts what, an agent may still act by what
+    it knew before, and an entry whose score falls for that says so (`UNHEARD`).  From then on it never falls until the
+    next change.  Agents and landmarks keep their numbers; `standing` leaves out those that are gone.
     """
 
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
@@ -201,7 +207,10 @@ class ChangingTeam(Team):
 
     def _log(self, event: str, agents: tuple[int, ...]) -> None:
         self.owner = self._owners()
+        before = self.score
         super()._log(event, agents)
+        if self.score < before - _ROUNDING:
+            self.history[-1] = replace(self.history[-1], detail=UNHEARD)
 
     def _owners(self) -> NDArray[np.int64]:
         """Return who owns each landmark by the newest records; -1: nobody, it is removed, or its owner has left."""

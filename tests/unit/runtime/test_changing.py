@@ -15,6 +15,7 @@ from tests.unit.runtime.small import AGENTS, small
 from covey import certify, plan
 from covey.errors import InputError, MissionError
 from covey.mission import Mission, agent_text, parse_mission, read_agent
+from covey.runtime.changing import UNHEARD
 from covey.runtime.record import read_result
 from covey.runtime.result import Deployment
 
@@ -77,11 +78,18 @@ def test_a_team_settles_again_after_every_change(seed: int, tmp_path: Path) -> N
     assert again.history == deployment.history
 
 
-def test_the_score_falls_only_where_the_log_says_why() -> None:
-    history = plan(changing(*EVERYTHING)).history
+@pytest.mark.parametrize("seed", range(4))
+def test_the_score_falls_only_where_the_log_says_why(seed: int) -> None:
+    history = plan(changing(*EVERYTHING, seed=seed)).history
     for before, after in itertools.pairwise(history):
-        if after.event not in ("added", "removed", "reweighted", "joined", "left", "adopted"):
-            assert after.score >= before.score - 1e-9, after
+        if after.event not in ("added", "removed", "reweighted", "joined", "left"):
+            assert after.score >= before.score - 1e-9 or after.detail == UNHEARD, after
+    settled = max(i for i, entry in enumerate(history) if entry.event == "adopted" or entry.detail)
+    assert all(after.score >= before.score - 1e-9 for before, after in itertools.pairwise(history[settled:]))
+
+
+def test_the_log_tells_what_became_of_what_a_leaver_owned() -> None:
+    history = plan(changing(*EVERYTHING)).history
     left = next(i for i, entry in enumerate(history) if entry.event == "left")
     assert history[left].agents == ("red",)
     assert history[left].score < history[left - 1].score
