@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from covey.geometry import Pose2
-from covey.protocol import Cause, PoseRecord, Reason, RecordSlice, Sender, TradeId
+from covey.protocol import (
+    OPERATOR,
+    AgentChange,
+    Catalogue,
+    Cause,
+    Change,
+    LandmarkChange,
+    PoseRecord,
+    Reason,
+    RecordSlice,
+    Sender,
+    TradeId,
+)
 from covey.transports import layout
 from covey.transports.codec import LAYOUTS, Codec, Content, Layout
 
@@ -32,6 +44,18 @@ sets = st.lists(st.integers(0, LANDMARKS - 1), unique=True, max_size=20).map(
 )
 
 
+weights = st.floats(0.0, 1e9)
+catalogues = st.builds(
+    Catalogue,
+    st.dictionaries(
+        st.integers(0, LANDMARKS - 1),
+        st.builds(LandmarkChange, counts, st.booleans(), weights, finite, finite, finite, finite),
+        max_size=4,
+    ),
+    st.dictionaries(agents, st.builds(AgentChange, counts, st.booleans(), st.text(max_size=20)), max_size=3),
+)
+
+
 @st.composite
 def slices(draw: st.DrawFn) -> RecordSlice:
     """Records of random landmarks."""
@@ -42,6 +66,7 @@ def slices(draw: st.DrawFn) -> RecordSlice:
 
 STRATEGIES: dict[int, st.SearchStrategy[Any]] = {
     id(layout.AGENT): agents,
+    id(layout.CATALOGUE): catalogues,
     id(layout.CAUSE): st.sampled_from(Cause),
     id(layout.COUNT): counts,
     id(layout.DIGEST): st.binary(max_size=40),
@@ -65,7 +90,7 @@ def senders_and_contents(draw: st.DrawFn) -> tuple[Sender, Content]:
     """A sender and anything that it may say."""
     chosen: Layout = draw(st.sampled_from(list(LAYOUTS.values())))
     values = {name: draw(STRATEGIES[id(kind)]) for name, kind in chosen.kinds.items()}
-    sender = Sender(draw(agents), draw(counts))
+    sender = Sender(OPERATOR if chosen.type is Change else draw(agents), draw(counts))
     if "sender" in chosen.type.__dataclass_fields__:
         values["sender"] = sender
     if "give" in values:  # an offer gives of its own, and wants of the other's

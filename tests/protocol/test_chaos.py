@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from covey.faults import Crash, Mode, Report, campaign, draw, run, simpler
 
 
 def test_no_seed_violates_an_invariant(seeds: Callable[[int, int], range]) -> None:
-    count = len(seeds(300, 10_000))
+    count = len(seeds(250, 10_000))
     report = campaign(0, count)
     assert report.first is None, "\n".join(report.first.trace)
     assert report.seeds == count
@@ -32,7 +33,17 @@ def test_no_seed_violates_an_invariant(seeds: Callable[[int, int], range]) -> No
         "duplicates",
         "scores_compared",
         "missions_ended",
+        "changes",
+        "joins",
+        "leaves",
     }
+
+
+def test_no_fresh_seed_violates_an_invariant(seeds: Callable[[int, int], range]) -> None:
+    count, first = len(seeds(250, 10_000)), secrets.randbelow(2**31)
+    print(f"replay with: covey chaos --seeds {count} --seed-start {first}")
+    report = campaign(first, count)
+    assert report.first is None, f"seed {report.first.seed}\n" + "\n".join(report.first.trace)
 
 
 @pytest.mark.parametrize("remembers", [True, False], ids=["memory", "amnesic"])

@@ -238,7 +238,7 @@ class MapsWithoutChanges(Node):
     """Agents do not tell each other what an operator has changed."""
 
     def _send_map(self, to: int, outputs: list[Output]) -> None:
-        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
+        outputs.append(Send(to, Map(self.sender, self.records.known(), self.poses.as_mapping())))
 
 
 class AddedLandmarksAreNobodys(Node):

@@ -141,7 +141,7 @@ class Member(Trader):
                 self._send_map(others[int(rng.integers(len(others)))], outputs)
 
     def _send_map(self, to: int, outputs: list[Output]) -> None:
-        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping(), self.catalogue)))
+        outputs.append(Send(to, Map(self.sender, self.records.known(), self.poses.as_mapping(), self.catalogue)))
 
     def _hear(self, now: float, sender: Sender, outputs: list[Output]) -> bool:
         """Note that a message has come; whether to take it in."""

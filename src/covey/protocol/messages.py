@@ -208,7 +208,7 @@ class Map:
     ----------
     sender : Sender
     records : RecordSlice
-        The records of all landmarks.
+        The records of all landmarks of which anything is known.
     poses : mapping of agent to PoseRecord
     catalogue : Catalogue
         What has changed since the mission began.

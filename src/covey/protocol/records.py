@@ -234,6 +234,10 @@ class LandmarkRecords:
         """Return a copy of all records."""
         return RecordSlice(np.arange(len(self.values)), self.values.copy())
 
+    def known(self) -> RecordSlice:
+        """Return a copy of all records but those of which nothing is known, which win against none."""
+        return self.slice(np.flatnonzero(self.values[:, GENERATION] > 0))
+
     def copy(self) -> LandmarkRecords:
         """Return an independent copy."""
         return LandmarkRecords(self.values, first=self.first)

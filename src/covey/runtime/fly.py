@@ -106,13 +106,18 @@ def fly(
     Raises
     ------
     InputError
-        If vehicles start too close to each other or inside an obstacle, or a sensor model cannot be built.
+        If vehicles start too close to each other or inside an obstacle, a sensor model cannot be built, or the mission
+        has changes.
 
     Notes
     -----
     Source: Sposato (2016), section 5.1.  Deviation: V6, V8.
     """
     kind = Kind(vehicles)
+    if mission.changes:
+        raise InputError(
+            "changes: expected a mission without; only `covey plan` acts on them, leave the key out to fly it"
+        )
     if seed is not None:
         mission = mission.with_seed(seed)
     return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()

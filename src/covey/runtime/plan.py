@@ -13,6 +13,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 from covey.coverage import Certificate
+from covey.errors import InputError
 from covey.geometry import Region
 from covey.mission import Mission, OptimizerName, SensorSpec, Trade
 from covey.optimize import PoseResult
@@ -75,7 +76,7 @@ def plan(
     Raises
     ------
     InputError
-        If a sensor model cannot be built.
+        If a sensor model cannot be built, or the mission has changes and is to be watched.
     SolverError
         If a bound is asked for and a sensor is not a built-in model.
 
@@ -93,6 +94,8 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
+    if watch is not None and mission.changes:
+        raise InputError("changes: expected a mission without, to be watched; leave the key out or do not watch")
     if watch is not None:
         scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
         run.teller = TeamTeller(watch, run.team, scene)

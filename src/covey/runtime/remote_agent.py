@@ -30,6 +30,9 @@ from covey.transports.codec import Codec
 HEARTBEAT_EVERY = 0.5
 """Seconds between two heartbeats when nothing changes: on a network one may be lost."""
 
+MOST_JOINING, MOST_ADDED = 1000, 100_000
+"""How many agents may join a mission that runs, and how many landmarks may be added to it."""
+
 
 class RemoteAgent:
     """Drives one node over a transport in real time; it plans, and its vehicle is at each waypoint at once.
@@ -152,7 +155,13 @@ class RemoteAgent:
 
 def mission_codec(mission: Mission) -> Codec:
     """Return the codec of a mission, which tells its messages from those of any other."""
-    return Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
+    return Codec(
+        mission_digest(mission),
+        agents=len(mission.agents),
+        landmarks=len(mission.landmarks),
+        more_agents=MOST_JOINING,
+        more_landmarks=MOST_ADDED,
+    )
 
 
 def join_mission(

@@ -28,15 +28,20 @@ from typing import Any, TypeAlias
 
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.protocol import (
+    OPERATOR,
     Abort,
     Ack,
     AgentBuried,
+    AgentJoined,
+    AgentLeft,
     AgentReturned,
     Busy,
+    Change,
     Commit,
     Event,
     Heartbeat,
     LandmarksAdopted,
+    LandmarksChanged,
     Map,
     Message,
     Nothing,
@@ -51,6 +56,7 @@ from covey.protocol import (
 from covey.protocol.records import difference
 from covey.transports.layout import (
     AGENT,
+    CATALOGUE,
     CAUSE,
     COUNT,
     DIGEST,
@@ -73,10 +79,12 @@ from covey.transports.layout import (
 )
 
 MAGIC = b"cv"
-VERSION = 1
+VERSION = 2
 DIGEST_BYTES = 16
 EVERYBODY = 2**64 - 1
 """Addressee of what is published."""
+OPERATOR_ON_THE_WIRE = 2**64 - 2
+"""The agent `OPERATOR` as sender; only of a `Change`."""
 
 _HEADER = struct.Struct(f"<2sBB{DIGEST_BYTES}sQQQQ")
 _CHECKSUM = struct.Struct("<I")
@@ -188,7 +196,8 @@ LAYOUTS: Mapping[int, Layout] = {
         },
         Channel.STATE,
     ),
-    9: Layout(Map, {"records": RECORDS, "poses": POSE_RECORDS}),
+    9: Layout(Map, {"records": RECORDS, "poses": POSE_RECORDS, "catalogue": CATALOGUE}),
+    10: Layout(Change, {"catalogue": CATALOGUE}),
     65: Layout(
         PoseOptimized,
         {"agent": AGENT, "pose": POSE, "before": FLOAT, "after": FLOAT, "cause": CAUSE},
@@ -219,6 +228,11 @@ LAYOUTS: Mapping[int, Layout] = {
     69: Layout(AgentBuried, {"agent": AGENT, "dead": AGENT}, Channel.LOG),
     70: Layout(AgentReturned, {"agent": AGENT, "returned": SENDER}, Channel.LOG),
     71: Layout(LandmarksAdopted, {"agent": AGENT, "records": RECORDS}, Channel.LOG),
+    72: Layout(
+        LandmarksChanged, {"agent": AGENT, "landmarks": LANDMARKS, "before": FLOAT, "after": FLOAT}, Channel.LOG
+    ),
+    73: Layout(AgentJoined, {"agent": AGENT, "joined": AGENT}, Channel.LOG),
+    74: Layout(AgentLeft, {"agent": AGENT, "left": AGENT}, Channel.LOG),
 }
 """Every type by its number on the wire, which never changes: messages from 1, events from 65."""
 
@@ -235,6 +249,8 @@ class Codec:
         The mission's identity; see `covey.mission.mission_digest`.
     agents, landmarks : int, keyword-only
         How many the mission has.
+    more_agents, more_landmarks : int, keyword-only
+        How many may join and be added while it runs.
     max_bytes : int, keyword-only
         Nothing longer is written or read.
 
@@ -255,9 +271,19 @@ class Codec:
     covey.errors.CodecError: malformed: the checksum is wrong
     """
 
-    def __init__(self, digest: bytes, *, agents: int, landmarks: int, max_bytes: int = 16 * 2**20) -> None:
+    def __init__(
+        self,
+        digest: bytes,
+        *,
+        agents: int,
+        landmarks: int,
+        more_agents: int = 0,
+        more_landmarks: int = 0,
+        max_bytes: int = 16 * 2**20,
+    ) -> None:
         if len(digest) != DIGEST_BYTES:
             raise ArgumentError(f"digest: expected {DIGEST_BYTES} bytes, got {len(digest)}")
+        agents, landmarks = agents + more_agents, landmarks + more_landmarks
         for name, value in (("agents", agents), ("landmarks", landmarks), ("max_bytes", max_bytes)):
             if not 0 <= value <= LARGEST:
                 raise ArgumentError(f"{name}: expected a number in [0, 2^63), got {value}")
@@ -274,7 +300,10 @@ class Codec:
         """
         kind = _NUMBERS[type(content)]
         try:
-            parts = [_HEADER.pack(MAGIC, VERSION, kind, self.digest, *sender, to, number)]
+            agent, incarnation = sender
+            if isinstance(content, Change) and agent == OPERATOR:
+                agent = OPERATOR_ON_THE_WIRE
+            parts = [_HEADER.pack(MAGIC, VERSION, kind, self.digest, agent, incarnation, to, number)]
         except struct.error:
             raise ArgumentError(f"message: expected numbers in [0, 2^64), got {(*sender, to, number)}") from None
         parts += [layout.write(getattr(content, name)) for name, layout in LAYOUTS[kind].kinds.items()]
@@ -304,6 +333,8 @@ class Codec:
             malformed("the checksum is wrong")
         if digest != self.digest:
             raise CodecError(Drop.MISSION, f"expected mission {self.digest.hex()}, got {digest.hex()}")
+        if kind == _NUMBERS[Change]:
+            agent = OPERATOR if agent == OPERATOR_ON_THE_WIRE else self.agents  # nobody else may send one
         if agent >= self.agents or incarnation > LARGEST or number > LARGEST:
             malformed(f"expected a sender in [0, {self.agents}), got {agent} in its life {incarnation}, {number}")
         if kind not in LAYOUTS:

@@ -19,18 +19,31 @@ from numpy.typing import NDArray
 
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.geometry import Pose2
-from covey.protocol import Cause, PoseRecord, Reason, RecordSlice, Sender, TradeId
+from covey.protocol import (
+    EMPTY,
+    AgentChange,
+    Catalogue,
+    Cause,
+    LandmarkChange,
+    PoseRecord,
+    Reason,
+    RecordSlice,
+    Sender,
+    TradeId,
+)
 from covey.protocol.records import OWNER
 
 _T = TypeVar("_T")
 _E = TypeVar("_E", bound=enum.Enum)
 
 LONGEST_BLOB = 255
+LONGEST_TEXT = 65_536
 LARGEST = 2**63 - 1
 """The largest number on the wire; what an int64 holds."""
 
 _WIDTHS = tuple(np.dtype(name) for name in ("<u1", "<u2", "<u4", "<u8"))
 _POSE = struct.Struct("<3d")
+_LANDMARK = struct.Struct("<5d")
 
 
 class Reader:
@@ -262,6 +275,57 @@ def by_agent(kind: Kind[_T]) -> Kind[Mapping[int, _T]]:
     return Kind(write, read)
 
 
+# What has changed since the mission began.
+
+
+def _write_text(text: str) -> bytes:
+    data = text.encode()
+    if len(data) > LONGEST_TEXT:
+        raise ArgumentError(f"message: expected at most {LONGEST_TEXT} bytes of text, got {len(data)}")
+    return _write_count(len(data)) + data
+
+
+def _read_text(reader: Reader) -> str:
+    size = _read_count(reader)
+    if size > LONGEST_TEXT:
+        malformed(f"expected at most {LONGEST_TEXT} bytes of text, got {size}")
+    try:
+        return reader.take(size).decode()
+    except UnicodeDecodeError:
+        malformed("expected text in UTF-8")
+
+
+def _write_landmark(change: LandmarkChange) -> bytes:
+    version, alive, *numbers = change
+    return _write_count(version) + _BYTE.pack(alive) + _LANDMARK.pack(*numbers)
+
+
+def _read_landmark(reader: Reader) -> LandmarkChange:
+    version, alive = _read_count(reader), _read_flag(reader)
+    numbers = reader.unpack(_LANDMARK)
+    if not all(map(math.isfinite, numbers)) or numbers[0] < 0.0:
+        malformed(f"expected finite numbers and a weight of at least 0, got {numbers}")
+    return LandmarkChange(version, alive, *numbers)
+
+
+def _write_catalogue(catalogue: Catalogue) -> bytes:
+    indices = np.array(sorted(catalogue.landmarks), dtype=np.int64)
+    changes = (_write_landmark(catalogue.landmarks[k]) for k in indices.tolist())
+    return _write_landmarks(indices) + b"".join(changes) + _AGENT_CHANGES.write(catalogue.agents)
+
+
+def _read_catalogue(reader: Reader) -> Catalogue:
+    landmarks = {k: _read_landmark(reader) for k in _read_landmarks(reader).tolist()}
+    agents = _AGENT_CHANGES.read(reader)
+    return Catalogue(MappingProxyType(landmarks), agents) if landmarks or agents else EMPTY
+
+
+_AGENT_CHANGE: Kind[AgentChange] = Kind(
+    lambda change: _write_count(change.version) + _BYTE.pack(change.present) + _write_text(change.specification),
+    lambda reader: AgentChange(_read_count(reader), _read_flag(reader), _read_text(reader)),
+)
+_AGENT_CHANGES: Kind[Mapping[int, AgentChange]] = by_agent(_AGENT_CHANGE)
+CATALOGUE: Kind[Catalogue] = Kind(_write_catalogue, _read_catalogue)
 LANDMARKS: Kind[NDArray[np.int64]] = Kind(_write_landmarks, _read_landmarks)
 RECORDS: Kind[RecordSlice] = Kind(_write_records, _read_records)
 TALLY: Kind[Mapping[int, int]] = by_agent(COUNT)

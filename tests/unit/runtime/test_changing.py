@@ -16,6 +16,7 @@ from covey import certify, plan
 from covey.errors import InputError, MissionError
 from covey.mission import Mission, agent_text, parse_mission, read_agent
 from covey.runtime.changing import UNHEARD
+from covey.runtime.fly import fly
 from covey.runtime.record import read_result
 from covey.runtime.result import Deployment
 
@@ -187,3 +188,11 @@ def test_a_mission_without_changes_is_planned_as_ever() -> None:
     deployment = plan(mission)
     assert deployment.history == plan(replace(mission, changes=())).history
     assert all(entry.detail == "" for entry in deployment.history)
+
+
+def test_changes_are_neither_flown_nor_watched() -> None:
+    mission = changing(REMOVE)
+    with pytest.raises(InputError, match="changes"):
+        fly(mission, vehicles="kinematic")
+    with pytest.raises(InputError, match="changes"):
+        plan(mission, watch=lambda update: None)

@@ -15,12 +15,17 @@ from tests.contents import AGENTS, CODEC, DIGEST, LANDMARKS, array
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.geometry import Pose2
 from covey.protocol import (
+    OPERATOR,
     Abort,
     Ack,
+    AgentChange,
     Busy,
+    Catalogue,
+    Change,
     Commit,
     Event,
     Heartbeat,
+    LandmarkChange,
     Message,
     Nothing,
     Offer,
@@ -159,3 +164,34 @@ def test_a_codec_checks_its_arguments(arguments: tuple[bytes, int, int, int]) ->
     digest, agents, landmarks, max_bytes = arguments
     with pytest.raises(ArgumentError):
         Codec(digest, agents=agents, landmarks=landmarks, max_bytes=max_bytes)
+
+
+def test_only_an_operator_announces_changes() -> None:
+    change = Change(Sender(OPERATOR, 1), Catalogue(agents={1: AgentChange(1, False)}))
+    came = CODEC.decode(CODEC.encode(change, sender=change.sender, number=1)).content
+    assert isinstance(came, Change)
+    assert (came.sender, came.catalogue) == (change.sender, change.catalogue)
+    with pytest.raises(CodecError):
+        CODEC.decode(CODEC.encode(change, sender=Sender(0, 1), number=1))
+    with pytest.raises(ArgumentError):
+        CODEC.encode(Ack(Sender(OPERATOR, 1), TradeId(0, 1, 1)), sender=Sender(OPERATOR, 1), number=1)
+
+
+def test_a_mission_may_grow_within_limits() -> None:
+    grown = Codec(bytes(16), agents=2, landmarks=3, more_agents=1, more_landmarks=2)
+    for agent, landmark, fits in ((2, 4, True), (3, 4, False), (2, 5, False)):
+        news = Catalogue({landmark: LandmarkChange(1, True, 1.0, 0.0, 0.0)}, {agent: AgentChange(1, True, "{}")})
+        data = grown.encode(Change(Sender(OPERATOR, 1), news), sender=Sender(OPERATOR, 1), number=1)
+        if fits:
+            content = grown.decode(data).content
+            assert isinstance(content, Change)
+            assert content.catalogue == news
+        else:
+            with pytest.raises(CodecError):
+                grown.decode(data)
+
+
+def test_what_describes_an_agent_has_a_longest_length() -> None:
+    news = Catalogue(agents={1: AgentChange(1, True, "x" * 70_000)})
+    with pytest.raises(ArgumentError, match="text"):
+        CODEC.encode(Change(Sender(OPERATOR, 1), news), sender=Sender(OPERATOR, 1), number=1)
