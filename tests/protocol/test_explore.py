@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from covey.errors import ArgumentError
-from covey.faults import LARGEST, MUTANTS, SIZES, Exploration, Violation, explore
+from covey.faults import MORE_SIZES, MUTANTS, SIZES, Exploration, Violation, explore
 
 
 @pytest.mark.parametrize(("agents", "asks"), SIZES, ids=str)
@@ -35,8 +35,8 @@ def test_what_is_passed_over_adds_nothing(agents: int, asks: tuple[int, ...], cr
     assert small.teams == whole.teams
 
 
-def test_three_agents_that_all_ask(soak: bool) -> None:
-    agents, asks = LARGEST if soak else (3, (1, 0, 1))
+def test_one_agent_of_three_that_asks_twice(soak: bool) -> None:
+    ((agents, asks),) = MORE_SIZES
     assert explore(agents, asks=asks, crash=soak).complete
 
 

@@ -34,7 +34,7 @@ def chaos(
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON, nothing else.")] = False,
     explore: Annotated[
         Literal["quick", "full"] | None,
-        typer.Option(help="Instead of seeds, every interleaving of two and three agents; full takes many minutes."),
+        typer.Option(help="Instead of seeds, every interleaving of two and three agents; full explores more of them."),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
@@ -95,10 +95,10 @@ def chaos(
 
 def explore_all(size: Literal["quick", "full"], mutant: str | None, *, json: bool) -> None:
     """Explore team after team, print how many states each has, and leave at a violation."""
-    from covey.faults import LARGEST, SIZES, Violation, protocol_named
+    from covey.faults import MORE_SIZES, SIZES, Violation, protocol_named
     from covey.faults import explore as explore_team
 
-    sizes = (*SIZES, LARGEST) if size == "full" else SIZES
+    sizes = (*SIZES, *MORE_SIZES) if size == "full" else SIZES
     results: list[dict[str, object]] = []
     violation: Violation | None = None
     for agents, asks in sizes:

@@ -2,14 +2,14 @@
 
 from covey.faults.campaign import Finding, Report, campaign, protocol_named, shrink
 from covey.faults.checks import Checker, Violation
-from covey.faults.explore import LARGEST, SIZES, Exploration, explore
+from covey.faults.explore import MORE_SIZES, SIZES, Exploration, explore
 from covey.faults.mutants import MUTANTS
 from covey.faults.scenario import Alteration, Crash, Cut, Isolation, Kind, Mode, Scenario, draw, simpler
 from covey.faults.simulator import Outcome, run
 from covey.faults.trace import describe
 
 __all__ = [
-    "LARGEST",
+    "MORE_SIZES",
     "MUTANTS",
     "SIZES",
     "Alteration",

@@ -45,8 +45,8 @@ from covey.protocol.records import GENERATION
 SIZES: tuple[tuple[int, tuple[int, ...]], ...] = ((2, (1, 1)), (2, (2, 2)), (3, (1, 0, 0)), (3, (1, 1, 0)))
 """Teams that are explored in less than a minute: how many agents, and how many trades each opens at most."""
 
-LARGEST = (3, (1, 1, 1))
-"""The largest team that has been explored."""
+MORE_SIZES: tuple[tuple[int, tuple[int, ...]], ...] = ((3, (2, 0, 0)),)
+"""What else is explored when there is time."""
 
 _Key: TypeAlias = tuple[object, ...]
 _Team: TypeAlias = tuple[int | None, ...]
