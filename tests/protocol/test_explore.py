@@ -35,9 +35,9 @@ def test_what_is_passed_over_adds_nothing(agents: int, asks: tuple[int, ...], cr
     assert small.teams == whole.teams
 
 
-def test_one_agent_of_three_that_asks_twice(soak: bool) -> None:
-    ((agents, asks),) = MORE_SIZES
-    assert explore(agents, asks=asks, crash=soak).complete
+def test_more_teams(soak: bool) -> None:
+    for agents, asks in MORE_SIZES:
+        assert explore(agents, asks=asks, crash=soak).complete
 
 
 @pytest.mark.parametrize("name", ["no-escrow", "server-gives-up", "commit-in-two-steps"])

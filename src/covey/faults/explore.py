@@ -45,7 +45,7 @@ from covey.protocol.records import GENERATION
 SIZES: tuple[tuple[int, tuple[int, ...]], ...] = ((2, (1, 1)), (2, (2, 2)), (3, (1, 0, 0)), (3, (1, 1, 0)))
 """Teams that are explored in less than a minute: how many agents, and how many trades each opens at most."""
 
-MORE_SIZES: tuple[tuple[int, tuple[int, ...]], ...] = ((3, (2, 0, 0)),)
+MORE_SIZES: tuple[tuple[int, tuple[int, ...]], ...] = ((3, (1, 0, 1)), (3, (2, 0, 0)))
 """What else is explored when there is time."""
 
 _Key: TypeAlias = tuple[object, ...]
