@@ -103,6 +103,12 @@ class Trader:
         return self._holdings.escrow
 
     @property
+    def offer(self) -> Offer | None:
+        """What the agent has offered as a server and not heard of yet."""
+        waiting = self._pending if self.lock is Lock.SERVER_PREPARED else None
+        return waiting.message if waiting is not None and isinstance(waiting.message, Offer) else None
+
+    @property
     def avoid(self) -> tuple[Pose2, ...]:
         """Poses that the agent could not reach."""
         return self._holdings.avoid

@@ -12,6 +12,9 @@ from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from covey.coverage import Certificate
 from covey.geometry import Region
 from covey.mission import Mission, OptimizerName, SensorSpec, Trade
@@ -184,6 +187,8 @@ class PlanRun:
         self.models = (*self.models[:agent], model, *self.models[agent + 1 :])
         self.planner.replace_model(agent, model)
         self._respecify(agent, sensor=specification)
+        if self.mission.separation is not None:  # it does not fly: nobody has to keep clear of its pose
+            self.mission = self.team.mission = replace(self.mission, separation=self.mission.separation.without(agent))
         self.team.note("lost", agent)
 
     def _respecify(self, agent: int, **changes: Any) -> None:
@@ -198,14 +203,14 @@ class PlanRun:
             for done, _ in enumerate(team.start(), start=1):
                 self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
-        proved: dict[int, tuple[object, object, bytes]] = {}
+        proved: dict[int, tuple[object, ...]] = {}
         while True:
             with self._timed("trading"):
                 while team.advance():
                     self.report("trading")
             with self._timed("proof"):
                 sets = team.sets()
-                states = {i: (self.mission.agents[i], team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                states = {i: self._state(i, sets[i]) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
                     self.mission,
@@ -222,6 +227,12 @@ class PlanRun:
                 adopted = [i for i in better if team.adopt(i, proofs[i].pose)]
                 if not adopted:
                     return build_certificate(self.mission, self.models, team.poses, sets, proofs)
+
+    def _state(self, agent: int, landmarks: NDArray[np.int64]) -> tuple[object, ...]:
+        """Return all that the proof of an agent's pose rests on."""
+        separation, poses = self.mission.separation, self.team.poses
+        others = () if separation is None else tuple(poses[other] for other in separation.sharing(agent))
+        return (self.mission.agents[agent], poses[agent], landmarks.tobytes(), others)
 
     def _report_proofs(self, done: int, *, of: int) -> None:
         self.report("proving", fraction=done / of)

@@ -27,6 +27,7 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.airspace import Airspace, check_starts
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
@@ -96,6 +97,11 @@ class Team:
     travel : Travel, optional
         How agents get to their waypoints; at once by default.
 
+    Raises
+    ------
+    InputError
+        If agents that share a layer start too close to each other.
+
     Notes
     -----
     What is addressed to an agent under way waits until it has arrived, and so does all that comes after it on the bus.
@@ -107,6 +113,7 @@ class Team:
     """
 
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
+        check_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
         self.planner = planner
@@ -123,6 +130,8 @@ class Team:
         )
         poses = dict(enumerate(self.poses))
         self.nodes = [Node(agent, list(agents), records, poses, planner, order=nearest_first) for agent in agents]
+        self.airspace = None if mission.separation is None else Airspace(self)
+        planner.airspace = self.airspace
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
@@ -181,7 +190,9 @@ class Team:
             self._take_snapshot("after_first_trade")
 
     def adopt(self, agent: int, pose: Pose2) -> bool:
-        """Offer an agent a better pose that a proof found; whether it took it."""
+        """Offer an agent a better pose that a proof found; whether it is still free and the agent took it."""
+        if self.airspace is not None and not self.airspace.is_free(agent, pose):
+            return False
         outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
         self._carry_out(agent, outputs)
         return any(isinstance(output, PoseOptimized) for output in outputs)
