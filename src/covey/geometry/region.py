@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 INSET = 1e-9
 """How far inside its edges a region's working polygon lies, times its size: rounding never puts a pose outside."""
 
-QUARTER = 6
+QUARTER = 4
 """Into how many sides a quarter of a disc is cut where a region is to keep clear of it."""
 
 CORNER = 1.0 / math.cos(math.pi / (4 * QUARTER))
@@ -167,8 +167,12 @@ class Region:
         --------
         >>> import numpy as np
         >>> left = Region.box(-5, 5, -5, 5).without_discs(np.array([[0.0, 0.0]]), 1.0)
-        >>> left.contains(0.999, 0.0), left.contains(1.01, 0.0)
+        >>> left.contains(0.999, 0.0), left.contains(1.02, 0.0)
         (False, True)
+
+        Notes
+        -----
+        Crumbs of less than `CRUMB` square metres, and parts thinner than rounding, are left out.
         """
         import shapely
 
@@ -182,7 +186,7 @@ class Region:
         parts = [
             Region(_corners(part.exterior), tuple(_corners(ring) for ring in part.interiors))
             for part in shapely.get_parts(rest)
-            if part.geom_type == "Polygon" and part.area > CRUMB and not _inset(part).is_empty
+            if part.geom_type == "Polygon" and part.area > max(CRUMB, 2.0 * _hair(part) * part.length)
         ]
         return replace(parts[0], islands=tuple(parts[1:])) if parts else None
 
@@ -219,8 +223,11 @@ class Region:
 
 def _inset(polygon: shapely.Polygon) -> shapely.Polygon | shapely.MultiPolygon:
     """Return a polygon a hair's breadth smaller, perhaps in several parts."""
-    size = max(1.0, *(abs(bound) for bound in polygon.bounds))
-    return polygon.buffer(-INSET * size, join_style="mitre")
+    return polygon.buffer(-_hair(polygon), join_style="mitre")
+
+
+def _hair(polygon: shapely.Polygon) -> float:
+    return INSET * max(1.0, *(abs(float(bound)) for bound in polygon.bounds))
 
 
 def _corners(ring: shapely.LinearRing) -> NDArray[np.float64]:

@@ -53,7 +53,7 @@ def room_of(mission: Mission, poses: Sequence[Pose2], agent: int) -> Region:
     return room(region, separation.spacing, taken, own=poses[agent])
 
 
-def check_starts(mission: Mission) -> None:
+def check_clear_starts(mission: Mission) -> None:
     """Check that agents that share a layer start clear of each other, also where poses were drawn from another seed.
 
     Raises
@@ -78,9 +78,9 @@ class Airspace:
 
     Notes
     -----
-    Taken are the committed position of each agent, and those that a trade on offer has for its two agents.  An offer
-    is reserved as long as its server waits for the answer, so that nobody moves there before it is committed or
-    dropped.  This takes a team in one process: nobody moves between a look at the airspace and the commit.
+    Taken are the committed position of each agent, the waypoint that it was last sent to, which it leaves only when its
+    trade is through, and the positions that a trade on offer has for its two agents: reserved as long as its server
+    waits for the answer, so that nobody moves there before it is committed or dropped.  This takes a team in one process: nobody moves between a look at the airspace and the commit.
     """
 
     def __init__(self, team: Team) -> None:
@@ -109,9 +109,11 @@ class Airspace:
 
     def _taken(self, agent: int, beside: int | None) -> list[Pose2]:
         assert self.separation is not None
+        team = self._team
         others = [other for other in self.separation.sharing(agent) if other != beside]
-        taken = [self._team.poses[other] for other in others]
-        for node in self._team.nodes:
+        taken = [team.poses[other] for other in others]
+        taken += [waypoint for other in others if (waypoint := team.nodes[other].waypoint) is not None]
+        for node in team.nodes:
             offer = node.offer
             if offer is not None:
                 if offer.sender.agent in others:

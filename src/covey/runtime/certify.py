@@ -140,7 +140,8 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
     Certificate
         Whether the partition is disjoint and complete, each pose inside its region and within sigma of the best for
         its landmarks (proved by `exact`), agents that share a layer as far apart as they must be, no landmark better
-        seen by another agent by more than sigma, the stated scores those that the poses give, and a stated bound not below them; what is violated, where.
+        seen by another agent by more than sigma, the stated scores those that the poses give, and a stated bound not
+        below them; what is violated, where.
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
 from covey.runtime.airspace import clear_region, without_disc
-from covey.runtime.plan import PlanRun
+from covey.runtime.plan import PlanRun, plan
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
 from covey.runtime.world import build_fleet
 from covey.vehicles.fleet import Fleet, Kind
@@ -124,6 +125,7 @@ class _Sortie:
         realtime: bool,
         on_progress: Callable[[Progress], None] | None,
     ) -> None:
+        self._planned = mission
         self._spec = spec = mission.flight
         self._began = time.monotonic()
         self.fleet: Fleet = build_fleet(mission, kind, realtime=realtime)
@@ -161,8 +163,12 @@ class _Sortie:
             self.fleet.simulator.close()
         for fault in self._faults:
             self._note("fault", [], f"a fault at {fault.at:g} s did not happen: the flight ended before")
+        report = self._report(flown)
+        if deployment.status is PlanStatus.SETTLED:
+            with suppress(KeyboardInterrupt):  # the flight is over: what it was must not be lost
+                report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
-            replace(deployment, flight=self._report(flown)),
+            replace(deployment, flight=report),
             self.fleet.log(),
             tuple(self._obstacles),
             tuple(self._moments),
@@ -190,6 +196,7 @@ class _Sortie:
             self._tick()
         held = self._held.pop(agent, None)
         if held is not None and agent not in self.fleet.lost:
+            held = self.run.team.free(agent, held)
             self._send(agent, held, self.altitudes[agent])
         return held
 
@@ -357,7 +364,7 @@ class _Sortie:
             min_separation=fleet.min_separation,
             required_separation=fleet.required_separation,
             altitudes=self.altitudes,
-            separation_cost=0.0,
+            separation_cost=math.nan,
             collisions=len(fleet.simulator.collisions),
             tracking_rms=fleet.tracking_rms,
             waypoints_reached=self._reached,
@@ -366,6 +373,15 @@ class _Sortie:
             lost=tuple(self._name(agent) for agent in sorted(fleet.lost)),
             events=tuple(log.events),
         )
+
+    def _separation_cost(self, final: float) -> float:
+        """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
+        if self._planned.separation is None:
+            return 0.0
+        self.run.report("comparing", force=True)
+        undisturbed = not (self._missed or self.fleet.lost)
+        apart = final if undisturbed else plan(self._planned).score.final
+        return plan(replace(self._planned, separation=None)).score.final - apart
 
 
 def check_starts(mission: Mission, fleet: Fleet) -> None:

@@ -182,8 +182,8 @@ def join_mission(
     """
     if mission.separation is not None:
         raise InputError(
-            f"{mission.path or mission.name}: flight: expected a layer for each agent: agents that share one need an "
-            "airspace that all of them see, which agents in processes of their own do not have; raise ceiling_m or layers"
+            f"{mission.path or mission.name}: flight: expected a layer for each agent: those that share one need an "
+            "airspace that all see, which agents in processes of their own do not have; raise ceiling_m or layers"
         )
     coverage, seed = mission.coverage, mission.seed
     planner = TeamPlanner(mission, build_models(mission), trade=coverage.trade, optimizer=coverage.optimizer, seed=seed)

@@ -27,7 +27,7 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
-from covey.runtime.airspace import Airspace, check_starts
+from covey.runtime.airspace import Airspace, check_clear_starts
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
@@ -113,7 +113,7 @@ class Team:
     """
 
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
-        check_starts(mission)
+        check_clear_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
         self.planner = planner
@@ -174,6 +174,13 @@ class Team:
         if held is not None:
             self.hold(agent, held)
         return held is not None
+
+    def free(self, agent: int, pose: Pose2) -> Pose2:
+        """Return the pose if an agent may be committed there now, or else the nearest where it may."""
+        region = self.mission.agents[agent].region
+        if self.airspace is not None:
+            region = self.airspace.room(agent, region)
+        return Pose2(*region.project(pose.x, pose.y), pose.yaw)
 
     def hold(self, agent: int, pose: Pose2) -> None:
         """Commit the pose that an agent holds because it cannot reach or keep its waypoint (V8)."""
