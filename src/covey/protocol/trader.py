@@ -103,11 +103,6 @@ class Trader:
         return self._holdings.escrow
 
     @property
-    def waypoint(self) -> Pose2 | None:
-        """The pose of the last `GoTo`, or the one held instead: behind the committed pose while a trade goes on."""
-        return self._waypoint
-
-    @property
     def offer(self) -> Offer | None:
         """What the agent has offered as a server and not heard of yet."""
         waiting = self._pending if self.lock is Lock.SERVER_PREPARED else None

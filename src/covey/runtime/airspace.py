@@ -78,9 +78,9 @@ class Airspace:
 
     Notes
     -----
-    Taken are the committed position of each agent, the waypoint that it was last sent to, which it leaves only when its
-    trade is through, and the positions that a trade on offer has for its two agents: reserved as long as its server
-    waits for the answer, so that nobody moves there before it is committed or dropped.  This takes a team in one process: nobody moves between a look at the airspace and the commit.
+    Taken are the committed position of each agent, and those that a trade on offer has for its two agents: reserved as
+    long as its server waits for the answer, so that nobody moves there before it is committed or dropped.  This takes a
+    team in one process: nothing happens between a look at the airspace and the commit.
     """
 
     def __init__(self, team: Team) -> None:
@@ -112,7 +112,6 @@ class Airspace:
         team = self._team
         others = [other for other in self.separation.sharing(agent) if other != beside]
         taken = [team.poses[other] for other in others]
-        taken += [waypoint for other in others if (waypoint := team.nodes[other].waypoint) is not None]
         for node in team.nodes:
             offer = node.offer
             if offer is not None:

@@ -186,6 +186,11 @@ class _Sortie:
         self._deadlines[agent] = self.fleet.time + GRACE + way / SLOWEST + turn
         self._send(agent, pose, self.altitudes[agent])
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose at its altitude; nobody waits for its arrival."""
+        if agent not in self.fleet.lost:
+            self._send(agent, pose, self.altitudes[agent])
+
     def under_way(self, agent: int) -> bool:
         """Whether an agent's vehicle has not arrived yet, or will not."""
         return agent in self._deadlines or agent in self._held

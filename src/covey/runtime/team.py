@@ -40,6 +40,13 @@ class Travel(Protocol):
         """Send an agent's vehicle to a pose."""
         ...
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose that a trade has committed; `go_to` follows when that is through.
+
+        Others may have been committed to the place that it leaves.
+        """
+        ...
+
     def under_way(self, agent: int) -> bool:
         """Whether an agent's vehicle has not arrived yet."""
         ...
@@ -53,6 +60,9 @@ class Teleport:
     """Planning without flying: the vehicle is at its waypoint at once."""
 
     def go_to(self, agent: int, pose: Pose2) -> None:
+        """Do nothing."""
+
+    def make_way(self, agent: int, pose: Pose2) -> None:
         """Do nothing."""
 
     def under_way(self, agent: int) -> bool:
@@ -254,7 +264,10 @@ class Team:
                 self._log("abandoned", (output.agent,))
 
     def _on_trade(self, trade: TradeCommitted) -> None:
-        self.poses[trade.client], self.poses[trade.server] = trade.client_pose, trade.server_pose
+        for agent, pose in ((trade.client, trade.client_pose), (trade.server, trade.server_pose)):
+            if self.airspace is not None and pose != self.poses[agent]:
+                self.travel.make_way(agent, pose)
+            self.poses[agent] = pose
         self.owner[trade.client_landmarks] = trade.client
         self.owner[trade.server_landmarks] = trade.server
         self.trades += 1
