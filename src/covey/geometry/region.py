@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,12 +89,8 @@ class Region:
             raise ArgumentError("polygon: expected an area above zero, got a region thinner than rounding")
         object.__setattr__(self, "exterior", _corners(polygon.exterior))
         object.__setattr__(self, "holes", tuple(_corners(ring) for ring in polygon.interiors))
-        own = _edges([self.exterior, *self.holes])
-        object.__setattr__(self, "edges", np.vstack([own, *(island.edges for island in self.islands)]))
-        parts = list(inner.geoms) if isinstance(inner, shapely.MultiPolygon) else [inner]
-        inner_rings = [_corners(ring) for part in parts for ring in (part.exterior, *part.interiors)]
-        inset = _edges(inner_rings)
-        object.__setattr__(self, "inset_edges", np.vstack([inset, *(island.inset_edges for island in self.islands)]))
+        for name, edges in (("edges", _edges(polygon)), ("inset_edges", _edges(inner))):
+            object.__setattr__(self, name, np.vstack([edges, *(getattr(island, name) for island in self.islands)]))
 
     @classmethod
     def box(cls, x_min: float, x_max: float, y_min: float, y_max: float) -> Region:
@@ -184,11 +180,14 @@ class Region:
             return self
         rest = shape.difference(shapely.union_all(discs))
         parts = [
-            Region(_corners(part.exterior), tuple(_corners(ring) for ring in part.interiors))
+            part
             for part in shapely.get_parts(rest)
             if part.geom_type == "Polygon" and part.area > max(CRUMB, 2.0 * _hair(part) * part.length)
         ]
-        return replace(parts[0], islands=tuple(parts[1:])) if parts else None
+        if not parts:
+            return None
+        islands = tuple(_region(part) for part in parts[1:])
+        return _region(parts[0], islands)
 
     def sample(self, n: int, *, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw n points uniformly, shape (n, 2), metres."""
@@ -221,6 +220,10 @@ class Region:
         return points
 
 
+def _region(polygon: shapely.Polygon, islands: tuple[Region, ...] = ()) -> Region:
+    return Region(_corners(polygon.exterior), tuple(_corners(ring) for ring in polygon.interiors), islands)
+
+
 def _inset(polygon: shapely.Polygon) -> shapely.Polygon | shapely.MultiPolygon:
     """Return a polygon a hair's breadth smaller, perhaps in several parts."""
     return polygon.buffer(-_hair(polygon), join_style="mitre")
@@ -234,5 +237,10 @@ def _corners(ring: shapely.LinearRing) -> NDArray[np.float64]:
     return np.asarray(ring.coords, dtype=np.float64)[:-1, :2].copy()
 
 
-def _edges(rings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.ascontiguousarray(np.vstack([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]))
+def _edges(shape: shapely.Polygon | shapely.MultiPolygon) -> NDArray[np.float64]:
+    """Edges of all rings, shape (e, 4), one ring after the other."""
+    import shapely
+
+    corners, ring = shapely.get_coordinates(shapely.get_rings(shape), return_index=True)
+    edges: NDArray[np.float64] = np.hstack([corners[:-1], corners[1:]])[ring[:-1] == ring[1:]]
+    return edges
