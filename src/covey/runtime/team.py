@@ -187,9 +187,9 @@ class Team:
 
     def free(self, agent: int, pose: Pose2) -> Pose2:
         """Return the pose if an agent may be committed there now, or else the nearest where it may."""
-        region = self.mission.agents[agent].region
-        if self.airspace is not None:
-            region = self.airspace.room(agent, region)
+        if self.airspace is None:
+            return pose
+        region = self.airspace.room(agent, self.mission.agents[agent].region)
         return Pose2(*region.project(pose.x, pose.y), pose.yaw)
 
     def hold(self, agent: int, pose: Pose2) -> None:
