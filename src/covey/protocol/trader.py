@@ -104,9 +104,9 @@ class Trader:
 
     @property
     def offer(self) -> Offer | None:
-        """What the agent has offered as a server and not heard of yet."""
-        waiting = self._pending if self.lock is Lock.SERVER_PREPARED else None
-        return waiting.message if waiting is not None and isinstance(waiting.message, Offer) else None
+        """The offer that stands while the agent is a prepared server."""
+        message = None if self._pending is None else self._pending.message
+        return message if isinstance(message, Offer) else None
 
     @property
     def avoid(self) -> tuple[Pose2, ...]:
