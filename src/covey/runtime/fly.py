@@ -64,6 +64,8 @@ class Flight:
         Everything over time.
     obstacles : tuple of Obstacle
         Those of the mission, and those that appeared.
+    appeared : tuple of float
+        When each of them did, seconds; 0 for those of the mission.
     moments : tuple of Moment
         Who owned what, each time that it changed.
     """
@@ -71,6 +73,7 @@ class Flight:
     deployment: Deployment
     log: FlightLog
     obstacles: tuple[Obstacle, ...]
+    appeared: tuple[float, ...]
     moments: tuple[Moment, ...]
 
 
@@ -139,6 +142,7 @@ class _Sortie:
         self.run = PlanRun(mission, on_progress, travel=self)
         self._homes = [agent.pose for agent in mission.agents]
         self._obstacles = list(spec.obstacles)
+        self._appeared = [0.0] * len(self._obstacles)
         self._faults = list(spec.faults)
         self._deadlines: dict[int, float] = {}  # of the vehicles on their way
         self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
@@ -186,6 +190,7 @@ class _Sortie:
             replace(deployment, flight=report),
             self.fleet.log(),
             tuple(self._obstacles),
+            tuple(self._appeared),
             tuple(self._moments),
         )
 
@@ -276,6 +281,7 @@ class _Sortie:
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
             self._obstacles.append(fault.obstacle)
+            self._appeared.append(self.fleet.time)
             self.fleet.add_obstacle(fault.obstacle)
             if self._teller is not None:
                 self._teller.appeared(fault.obstacle)
