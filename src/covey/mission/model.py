@@ -14,7 +14,7 @@ import numpy as np
 from covey.environment import GeoReference, Landmarks
 from covey.geometry import Pose2, Region
 from covey.mission.changes import ChangeSpec
-from covey.mission.flight import FlightSpec
+from covey.mission.flight import FlightSpec, Separation
 
 _POSE_STREAM = 1
 """Spawn key that keeps the numbers drawn for poses apart from all others of the mission's seed."""
@@ -153,6 +153,8 @@ class Mission:
         What an operator changes while it runs, in order.
     flight : FlightSpec
         How it is flown.
+    separation : Separation or None
+        Which agents keep apart because they share an altitude; None if nobody has to.
     georeference : GeoReference or None
         Where on earth the frame W is.
     source : mapping
@@ -172,6 +174,7 @@ class Mission:
     communication: CommunicationSpec | None = None
     changes: tuple[ChangeSpec, ...] = ()
     flight: FlightSpec = field(default_factory=FlightSpec)
+    separation: Separation | None = None
     georeference: GeoReference | None = None
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Path | None = None

@@ -28,6 +28,7 @@ from covey.mission import (
     SensorSpec,
     Trade,
 )
+from covey.mission.flight import Separation
 from covey.runtime.checked import CheckedValue, parse_json
 from covey.runtime.flight_document import flight_document, read_flight
 from covey.runtime.result import AgentResult, Baseline, Deployment, HistoryEntry, PlanStatus, Scores
@@ -275,6 +276,9 @@ def _mission(mission: Mission, folder: Path | None) -> dict[str, Any]:
         "georeference": None
         if reference is None
         else {"lon_deg": reference.lon_deg, "lat_deg": reference.lat_deg, "alt_m": reference.alt_m},
+        "separation": None
+        if mission.separation is None
+        else {"spacing_m": mission.separation.spacing, "layers": list(mission.separation.layers)},
         "document": _plain(mission.source),
     }
 
@@ -375,6 +379,7 @@ def _read_mission(
             lat_deg=reference["lat_deg"].number(),
             alt_m=reference["alt_m"].number(),
         ),
+        separation=_read_separation(value, len(agents)),
         source=dict(value["document"].mapping()),
         path=path if path is None or folder is None else folder / path,
     )
@@ -392,6 +397,19 @@ def _read_communication(value: CheckedValue | None) -> CommunicationSpec | None:
     if any(len(pair) != 2 for pair in pairs):
         value["links"].fail("pairs of names")
     return CommunicationSpec(links=tuple((pair[0], pair[1]) for pair in pairs))
+
+
+def _read_separation(mission: CheckedValue, agents: int) -> Separation | None:
+    value = mission.get("separation") if "separation" in mission.mapping() else None
+    if value is None:
+        return None
+    layers = value["layers"].items()
+    if len(layers) != agents:
+        value["layers"].fail(f"{agents} layers, one an agent")
+    spacing = value["spacing_m"].number()
+    if spacing <= 0.0:
+        value["spacing_m"].fail("a number above 0")
+    return Separation(spacing, tuple(None if layer.value is None else layer.integer() for layer in layers))
 
 
 def _read_history(root: CheckedValue) -> tuple[HistoryEntry, ...]:

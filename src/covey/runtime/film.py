@@ -61,6 +61,7 @@ def write_film(
     speed: float | None = None,
     scene: Scene | None = None,
     obstacles: Sequence[Obstacle] = (),
+    appeared: Sequence[float] = (),
     on_progress: Report | None = None,
 ) -> Path:
     """Make a film of a flight, whole or not at all.
@@ -80,6 +81,8 @@ def write_film(
         Gives a picture of the scene at a time in seconds, uint8 of shape (height, width, 3), or None to keep the last.
         It is shown some 620 pixels wide.
     obstacles : sequence of Obstacle
+    appeared : sequence of float
+        When each obstacle appeared, seconds: it is not shown before; without, all are there from the start.
     on_progress : callable, optional
         Is told how much is done, from 0 to 1.
 
@@ -91,11 +94,13 @@ def write_film(
     Raises
     ------
     ArgumentError
-        If the log is empty, does not fit the mission, or the speed is not positive.
+        If the log is empty, does not fit the mission, the speed is not positive, or `appeared` not of each obstacle.
     OutputError
         If there is such a file already, it cannot be written, or ffmpeg fails.
     """
     _check(log, mission, snapshots, speed)
+    if len(appeared) not in (0, len(obstacles)):
+        raise ArgumentError(f"appeared: expected one time an obstacle, {len(obstacles)}, got {len(appeared)}")
     speed = choose_speed(float(log.time[-1] - log.time[0])) if speed is None else float(speed)
     ffmpeg = find_ffmpeg()
     target = Path(f"{path_stem}.mp4" if ffmpeg else f"{path_stem}.gif")
@@ -108,6 +113,7 @@ def write_film(
         mission=mission,
         moments=snapshots,
         obstacles=obstacles,
+        appeared=appeared,
         dpi=DPI if ffmpeg else GIF_DPI,
         speed=speed,
         scene=scene,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
 from covey.runtime.airspace import clear_region, without_disc
 from covey.runtime.feed import Run, Watcher
-from covey.runtime.plan import PlanRun, software_versions
+from covey.runtime.plan import PlanRun, plan, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
 from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet
@@ -63,6 +64,8 @@ class Flight:
         Everything over time.
     obstacles : tuple of Obstacle
         Those of the mission, and those that appeared.
+    appeared : tuple of float
+        When each of them did, seconds; 0 for those of the mission.
     moments : tuple of Moment
         Who owned what, each time that it changed.
     """
@@ -70,6 +73,7 @@ class Flight:
     deployment: Deployment
     log: FlightLog
     obstacles: tuple[Obstacle, ...]
+    appeared: tuple[float, ...]
     moments: tuple[Moment, ...]
 
 
@@ -135,6 +139,7 @@ class _Sortie:
         on_progress: Callable[[Progress], None] | None,
         watch: Watcher | None,
     ) -> None:
+        self._planned = mission
         self._spec = spec = mission.flight
         self._began = time.monotonic()
         self.fleet: Fleet = build_fleet(mission, kind, realtime=realtime)
@@ -142,6 +147,7 @@ class _Sortie:
         self.run = PlanRun(mission, on_progress, travel=self)
         self._homes = [agent.pose for agent in mission.agents]
         self._obstacles = list(spec.obstacles)
+        self._appeared = [0.0] * len(self._obstacles)
         self._faults = list(spec.faults)
         self._deadlines: dict[int, float] = {}  # of the vehicles on their way
         self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
@@ -181,10 +187,15 @@ class _Sortie:
         if self._teller is not None:
             self._tell_motion(self._teller)
             self.run.tell_end(deployment)
+        report = self._report(flown)
+        if deployment.status is PlanStatus.SETTLED:
+            with suppress(KeyboardInterrupt):  # nothing of the flight is lost by it
+                report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
-            replace(deployment, flight=self._report(flown)),
+            replace(deployment, flight=report),
             self.fleet.log(),
             tuple(self._obstacles),
+            tuple(self._appeared),
             tuple(self._moments),
         )
 
@@ -200,6 +211,11 @@ class _Sortie:
         self._deadlines[agent] = self.fleet.time + GRACE + way / SLOWEST + turn
         self._send(agent, pose, self.altitudes[agent])
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose at its altitude; nobody waits for its arrival."""
+        if agent not in self.fleet.lost:
+            self._send(agent, pose, self.altitudes[agent])
+
     def under_way(self, agent: int) -> bool:
         """Whether an agent's vehicle has not arrived yet, or will not."""
         return agent in self._deadlines or agent in self._held
@@ -210,6 +226,7 @@ class _Sortie:
             self._tick()
         held = self._held.pop(agent, None)
         if held is not None and agent not in self.fleet.lost:
+            held = self.run.team.free(agent, held)
             self._send(agent, held, self.altitudes[agent])
         return held
 
@@ -269,6 +286,7 @@ class _Sortie:
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
             self._obstacles.append(fault.obstacle)
+            self._appeared.append(self.fleet.time)
             self.fleet.add_obstacle(fault.obstacle)
             if self._teller is not None:
                 self._teller.appeared(fault.obstacle)
@@ -406,7 +424,7 @@ class _Sortie:
             min_separation=fleet.min_separation,
             required_separation=fleet.required_separation,
             altitudes=self.altitudes,
-            separation_cost=0.0,
+            separation_cost=math.nan,
             collisions=len(fleet.simulator.collisions),
             tracking_rms=fleet.tracking_rms,
             waypoints_reached=self._reached,
@@ -415,6 +433,17 @@ class _Sortie:
             lost=tuple(self._name(agent) for agent in sorted(fleet.lost)),
             events=tuple(log.events),
         )
+
+    def _separation_cost(self, final: float) -> float:
+        """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
+        if self._planned.separation is None:
+            return 0.0
+        self.run.report("comparing", force=True)
+        free = plan(replace(self._planned, separation=None))
+        if self._missed or self.fleet.lost:  # what was flown is not what was planned
+            apart = plan(self._planned)
+            final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
+        return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan
 
 
 def check_starts(mission: Mission, fleet: Fleet) -> None:

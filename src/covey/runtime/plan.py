@@ -25,7 +25,7 @@ from covey.runtime.changing import ChangingTeam
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
 from covey.runtime.streams import Stream, generator
-from covey.runtime.team import Team, Travel
+from covey.runtime.team import Standing, Team, Travel
 from covey.runtime.telling import TeamTeller, describe
 from covey.sensing.registry import build_model
 
@@ -94,6 +94,10 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
+    if mission.changes and mission.separation is not None:
+        raise InputError(
+            "changes: expected a mission in which no agents share an altitude"
+        )
     if watch is not None and mission.changes:
         raise InputError("changes: expected a mission without, to be watched; leave the key out or do not watch")
     if watch is not None:
@@ -218,6 +222,8 @@ class PlanRun:
         self.models = (*self.models[:agent], model, *self.models[agent + 1 :])
         self.planner.replace_model(agent, model)
         self._respecify(agent, sensor=specification)
+        if self.mission.separation is not None:  # it does not fly: nobody has to keep clear of its pose
+            self.team.mission = replace(self.mission, separation=self.mission.separation.without(agent))
         self.team.note("lost", agent)
 
     def _respecify(self, agent: int, **changes: Any) -> None:
@@ -232,7 +238,7 @@ class PlanRun:
             for done, _ in enumerate(team.start(), start=1):
                 self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
-        proved: dict[int, tuple[object, object, bytes]] = {}
+        proved: dict[int, tuple[object, ...]] = {}
         landmarks = self.mission.landmarks
         while True:
             with self._timed("trading"):
@@ -244,7 +250,7 @@ class PlanRun:
                 if mission.landmarks is not landmarks:  # they are numbered anew
                     landmarks = mission.landmarks
                     proofs, proved = {}, {}
-                states = {i: (mission.agents[i], poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                states = {i: self._state(standing, i) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
                     mission,
@@ -261,6 +267,12 @@ class PlanRun:
                 adopted = [i for i in better if team.adopt(standing.agents[i], proofs[i].pose)]
                 if not adopted:
                     return build_certificate(mission, standing.models, poses, sets, proofs)
+
+    def _state(self, standing: Standing, agent: int) -> tuple[object, ...]:
+        """Return all that the proof of an agent's pose rests on."""
+        separation, poses = standing.mission.separation, standing.poses
+        others = () if separation is None else tuple(poses[other] for other in separation.sharing(agent))
+        return (standing.mission.agents[agent], poses[agent], standing.sets[agent].tobytes(), others)
 
     def _report_proofs(self, done: int, *, of: int) -> None:
         self.report("proving", fraction=done / of)

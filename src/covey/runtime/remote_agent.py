@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from covey.errors import ArgumentError
+from covey.errors import ArgumentError, InputError
 from covey.mission import Mission, mission_digest
 from covey.protocol import (
     Event,
@@ -187,8 +187,13 @@ def join_mission(
     Raises
     ------
     InputError
-        If a sensor cannot be built.
+        If a sensor cannot be built, or agents share a layer.
     """
+    if mission.separation is not None:
+        raise InputError(
+            f"{mission.path or mission.name}: flight: expected a layer for each agent: those that share one need an "
+            "airspace that all see, which agents in processes of their own do not have; raise ceiling_m or layers"
+        )
     coverage, seed = mission.coverage, mission.seed
     planner = TeamPlanner(mission, build_models(mission), trade=coverage.trade, optimizer=coverage.optimizer, seed=seed)
     team = range(len(mission.agents))

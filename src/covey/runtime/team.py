@@ -30,6 +30,7 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.airspace import Airspace, check_clear_starts
 from covey.runtime.links import build_links
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
@@ -47,6 +48,13 @@ class Travel(Protocol):
         """Send an agent's vehicle to a pose."""
         ...
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose that a trade has committed; `go_to` follows when that is through.
+
+        Others may have been committed to the place that it leaves.
+        """
+        ...
+
     def under_way(self, agent: int) -> bool:
         """Whether an agent's vehicle has not arrived yet."""
         ...
@@ -60,6 +68,9 @@ class Teleport:
     """Planning without flying: the vehicle is at its waypoint at once."""
 
     def go_to(self, agent: int, pose: Pose2) -> None:
+        """Do nothing."""
+
+    def make_way(self, agent: int, pose: Pose2) -> None:
         """Do nothing."""
 
     def under_way(self, agent: int) -> bool:
@@ -142,6 +153,11 @@ class Team:
     travel : Travel, optional
         How agents get to their waypoints; at once by default.
 
+    Raises
+    ------
+    InputError
+        If agents that share a layer start too close to each other.
+
     Notes
     -----
     What is addressed to an agent under way waits until it has arrived, and so does all that comes after it on the bus.
@@ -153,6 +169,7 @@ class Team:
     """
 
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
+        check_clear_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
         self.onlooker: Onlooker | None = None
@@ -176,6 +193,8 @@ class Team:
             Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options, links=links)
             for agent in agents
         ]
+        self.airspace = None if mission.separation is None else Airspace(self)
+        planner.airspace = self.airspace
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
@@ -225,6 +244,13 @@ class Team:
             self.hold(agent, held)
         return held is not None
 
+    def free(self, agent: int, pose: Pose2) -> Pose2:
+        """Return the pose if an agent may be committed there now, or else the nearest where it may."""
+        if self.airspace is None:
+            return pose
+        region = self.airspace.room(agent, self.mission.agents[agent].region)
+        return Pose2(*region.project(pose.x, pose.y), pose.yaw)
+
     def hold(self, agent: int, pose: Pose2) -> None:
         """Commit the pose that an agent holds because it cannot reach or keep its waypoint (V8)."""
         self._carry_out(agent, self.nodes[agent].waypoint_unreachable(self.bus.now, pose))
@@ -241,7 +267,9 @@ class Team:
             self._take_snapshot("after_first_trade")
 
     def adopt(self, agent: int, pose: Pose2) -> bool:
-        """Offer an agent a better pose that a proof found; whether it took it."""
+        """Offer an agent a better pose that a proof found; whether it is still free and the agent took it."""
+        if self.airspace is not None and not self.airspace.is_free(agent, pose):
+            return False
         outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
         self._carry_out(agent, outputs)
         return any(isinstance(output, PoseOptimized) for output in outputs)
@@ -303,7 +331,10 @@ class Team:
                 self._log("abandoned", (output.agent,))
 
     def _on_trade(self, trade: TradeCommitted) -> None:
-        self.poses[trade.client], self.poses[trade.server] = trade.client_pose, trade.server_pose
+        for agent, pose in ((trade.client, trade.client_pose), (trade.server, trade.server_pose)):
+            if self.airspace is not None and pose != self.poses[agent]:
+                self.travel.make_way(agent, pose)
+            self.poses[agent] = pose
         self.owner[trade.client_landmarks] = trade.client
         self.owner[trade.server_landmarks] = trade.server
         self.trades += 1
