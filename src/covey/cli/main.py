@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from covey import __version__
+from covey.cli.agent import agent
 from covey.cli.certify import certify
 from covey.cli.chaos import chaos
 from covey.cli.fly import fly
@@ -31,7 +32,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (plan, fly, agent, certify, validate, schema, reproduce, heatmap, chaos):
     app.command()(command)
 
 
