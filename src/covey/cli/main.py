@@ -16,6 +16,7 @@ from covey.cli.chaos import chaos
 from covey.cli.fly import fly
 from covey.cli.heatmap import heatmap
 from covey.cli.interrupt import leave_at_once
+from covey.cli.launch import launch
 from covey.cli.plan import plan
 from covey.cli.reproduce import reproduce
 from covey.cli.schema import schema
@@ -32,7 +33,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, agent, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (plan, fly, launch, agent, certify, validate, schema, reproduce, heatmap, chaos):
     app.command()(command)
 
 

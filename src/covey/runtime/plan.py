@@ -168,7 +168,7 @@ class PlanRun:
             pose_optimizations=self.planner.optimizations,
             agents=agents,
             certificate=certificate,
-            software=dict(_software()),
+            software=dict(software()),
             snapshots=team.finish(),
         )
 
@@ -243,7 +243,8 @@ class PlanRun:
 
 
 @functools.cache
-def _software() -> dict[str, str]:
+def software() -> dict[str, str]:
+    """Return the versions that a result rests on."""
     import covey
 
     versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}

@@ -38,7 +38,7 @@ from covey.runtime.team import initial_owners
 from covey.transports import RealTransport
 from covey.transports.codec import Codec
 
-NETWORK_TIMES = MembershipOptions(heartbeat_every=0.5, dead_after=3.0, map_every=1.0)
+NETWORK_TIMES = MembershipOptions(heartbeat_every=0.5, dead_after=3.0, map_every=0.3)
 """On a network: who is silent for six heartbeats is dead."""
 
 LEASE = 2.0

@@ -25,6 +25,7 @@ from covey.protocol import (
 )
 from covey.runtime.agent import build_models
 from covey.runtime.result import AgentResult, HistoryEntry, Scores, Snapshot
+from covey.sensing import VisibilityModel, build_model
 
 CLOSE = 1e-9
 """Relative difference of two scores that are the same."""
@@ -123,6 +124,11 @@ class TeamView:
             for agent, specification in enumerate(self.mission.agents)
         )
         return replace(self.mission, agents=agents)
+
+    def present_models(self) -> tuple[VisibilityModel, ...]:
+        """Return the sensors of `present`."""
+        blind = build_model("blind")
+        return tuple(blind if agent in self.dead else model for agent, model in enumerate(self.models))
 
     def agents(self) -> tuple[AgentResult, ...]:
         """Return where each agent is and what it watches."""

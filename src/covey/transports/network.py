@@ -20,6 +20,10 @@ LONGEST_WAIT = 0.05
 """How long a message may wait for room in a full queue before it is dropped, seconds."""
 
 
+RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+"""When to try again to connect to who does not answer."""
+
+
 class Mode(enum.Enum):
     """What part a process plays in the network."""
 
@@ -150,6 +154,7 @@ def build_config(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         "mode": options.mode.value,
         "listen/endpoints": options.endpoints,
         "connect/endpoints": options.connect,
+        "connect/retry": RETRY,
         "scouting/multicast/enabled": options.multicast,
         "open/return_conditions/connect_scouted": False,  # who is there is told by tokens
         "transport/link/tx/lease": round(1000.0 * options.lease),

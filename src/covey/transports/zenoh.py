@@ -164,7 +164,7 @@ class ZenohTransport:
         for query in queries:
             with query:
                 try:
-                    query.reply(query.key_expr, data)
+                    query.reply(f"{self._prefix}/map/{self.agent}", data)
                 except zenoh.ZError:
                     self._count("unsent")
 
