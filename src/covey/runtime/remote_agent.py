@@ -50,6 +50,9 @@ RESEND_AFTER, GIVE_UP_AFTER = 0.5, 2.0
 LINGER = 1.5
 """How long a mission must have been over before an agent leaves by itself, seconds."""
 
+SLEPT = 0.25
+"""An agent that comes back so much of `dead_after` later than it meant to has slept, or its process was stopped."""
+
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
 
@@ -83,6 +86,9 @@ class RemoteAgent:
     -----
     Each agent judges by itself, from everybody's heartbeats, whether the mission is over: all poses are proved by then,
     each by its own agent.  Who leaves as soon as it knows may leave before the others do: let `run` linger.
+
+    Time through which the process was stopped does not pass for the node: whoever could not listen cannot tell who was
+    silent.
     """
 
     def __init__(
@@ -112,7 +118,8 @@ class RemoteAgent:
         self._prover = prover
         self._on_event = on_event
         self._on_change = on_change
-        self._clock = clock
+        self._wall = clock
+        self._slept = 0.0
         self._early: list[Message] = []
         self._lost: frozenset[object] = frozenset()
         self._stuck_at: Pose2 | None = None
@@ -166,7 +173,9 @@ class RemoteAgent:
         dues = [begun + timeout, self.node.next_deadline(), self.vehicle.due(begun)]
         if self._prover.busy:
             dues.append(begun + PROOF_TICK)
-        self._transport.wait(max(0.0, min(due for due in dues if due is not None) - begun))
+        pause = max(0.0, min(due for due in dues if due is not None) - begun)
+        self._transport.wait(pause)
+        self._note_sleep(begun, pause)
         awake = self._clock()
         self._take_in(self._transport.receive())
         lost: frozenset[object] = self._transport.suspects
@@ -182,7 +191,7 @@ class RemoteAgent:
             own = self.node
             self._transport.show_map(Map(own.sender, own.records.known(), own.poses.as_mapping()))
         self._on_change()
-        self.longest_silence = max(self.longest_silence, self._clock() - awake)
+        self.longest_silence = max(self.longest_silence, self._note_sleep(awake, 0.0))
 
     def run(
         self,
@@ -224,6 +233,17 @@ class RemoteAgent:
     def close(self) -> None:
         """Give up a proof that is going on."""
         self._prover.close()
+
+    def _clock(self) -> float:
+        """Return the node's time, seconds."""
+        return self._wall() - self._slept
+
+    def _note_sleep(self, since: float, expected: float) -> float:
+        """Take out of the node's time what passed since a moment beyond what was expected, if it is much; return it."""
+        extra = self._clock() - since - expected
+        if extra > SLEPT * self._dead_after:
+            self._slept += extra
+        return extra
 
     def _take_in(self, messages: Sequence[Message]) -> None:
         for message in messages:

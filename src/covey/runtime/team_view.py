@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -54,12 +54,12 @@ class TeamView:
         self.owner = owner.copy()
         self.trades = 0
         self.optimizations = 0
-        self.dead: set[int] = set()
+        self._buried: set[int] = set()
+        self._returned: set[Sender] = set()
+        self._living: frozenset[int] = frozenset()
         self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-        self._buried: set[int] = set()
-        self._returned: set[Sender] = set()
 
     @property
     def score(self) -> float:
@@ -97,9 +97,14 @@ class TeamView:
             case _:
                 pass
 
-    def set_living(self, living: Mapping[int, int]) -> None:
-        """Say who lives: who has been buried and does not is dead."""
-        self.dead = {agent for agent in self._buried if agent not in living}
+    @property
+    def dead(self) -> frozenset[int]:
+        """Who has been declared dead by others and is not heard."""
+        return frozenset(self._buried - self._living)
+
+    def set_living(self, living: Iterable[int]) -> None:
+        """Say who is heard."""
+        self._living = frozenset(living)
 
     def settle(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
         """Put what the team has agreed on in the place of what events told."""
