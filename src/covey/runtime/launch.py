@@ -233,7 +233,7 @@ class _Launch:
         with ExitStack() as stack:
             if self._path is not None:
                 self._on_progress(Progress("warming up", float("nan")))
-                warm_up(self.mission, 0)  # once, and not by all agents at the same time
+                warm_up(self.mission, 0, self._options.vehicles)  # once, and not by all agents at the same time
                 self._began = time.monotonic()
             endpoints = self._endpoints()
             state = self._options.state

@@ -53,6 +53,9 @@ LINGER = 1.5
 SLEPT = 0.25
 """An agent that comes back so much of `dead_after` later than it meant to has slept, or its process was stopped."""
 
+NEWS_AFTER = 3.0
+"""Heartbeats after which a newcomer takes those for dead that it has not heard."""
+
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
 
@@ -134,13 +137,13 @@ class RemoteAgent:
         """Whether a newer life of this agent has begun elsewhere: this one must end."""
         return self._transport.superseded
 
-    def assemble(self, others: int, patience: float, stop: Callable[[], bool] = lambda: False) -> bool:
+    def assemble(self, others: float, patience: float, stop: Callable[[], bool] = lambda: False) -> bool:
         """Wait before the start until all are there, or somebody has begun.
 
         Parameters
         ----------
-        others : int
-            How many others there are.
+        others : float
+            How many others there are; infinitely many to wait for somebody who has begun.
         patience : float
             Seconds to wait at most.
         stop : callable
@@ -154,16 +157,25 @@ class RemoteAgent:
         end = self._clock() + patience
         while True:
             self._early += self._transport.receive()
-            if len(self._transport.peers) >= others or any(isinstance(message, Heartbeat) for message in self._early):
+            if len(self._transport.peers) >= others or self._has_begun:
                 return True
             left = end - self._clock()
             if left <= 0.0 or stop():
                 return False
             self._transport.wait(min(0.1, left))
 
+    @property
+    def _has_begun(self) -> bool:
+        return any(isinstance(message, Heartbeat) for message in self._early)
+
     def start(self) -> None:
-        """Begin the mission; once, before `step`."""
-        self._carry_out(self.node.start(self._clock(), self._rng))
+        """Begin the mission; once, before `step`.
+
+        Who comes into a mission that has begun gives the others `NEWS_AFTER` heartbeats to be heard, and not all of
+        `dead_after`: they have been silent before, if they are.
+        """
+        ahead = max(0.0, self._dead_after - NEWS_AFTER * self._beat) if self._has_begun else 0.0
+        self._carry_out(self.node.start(self._clock() - ahead, self._rng))
         early, self._early = self._early, []
         self._take_in(early)
 
@@ -408,8 +420,16 @@ def join_mission(
     )
 
 
-def warm_up(mission: Mission, agent: int) -> None:
-    """Load or compile all that planning needs, so that an agent does not fall silent for it in the mission."""
+def warm_up(mission: Mission, agent: int, vehicles: str = "none") -> None:
+    """Load or compile all that planning and flying need, so that an agent does not fall silent for it in the mission.
+
+    Parameters
+    ----------
+    mission : Mission
+    agent : int
+    vehicles : str
+        As for `build_vehicle`.
+    """
     coverage = mission.coverage
     few = np.linspace(0, len(mission.landmarks) - 1, min(len(mission.landmarks), 32)).astype(np.int64)
     landmarks = mission.landmarks.subset(np.unique(few))
@@ -426,3 +446,34 @@ def warm_up(mission: Mission, agent: int) -> None:
     prover.begin(0, pose, own)
     prover.result()
     prover.close()
+    vehicle = build_vehicle(mission, agent, vehicles, pose, 0.0)
+    x, _, y, _ = mission.agents[agent].region.bounds
+    vehicle.go_to(0.0, Pose2(x, y, 0.0))
+    vehicle.advance(1.0)
+
+
+def build_vehicle(mission: Mission, agent: int, vehicles: str, pose: Pose2, now: float) -> Vehicle:
+    """Build the vehicle of an agent.
+
+    Parameters
+    ----------
+    mission : Mission
+    agent : int
+    vehicles : str
+        ``none``, which is at each waypoint at once, or a `covey.vehicles.fleet.Kind`.
+    pose : Pose2
+        Where it begins.
+    now : float
+        Seconds.
+
+    Raises
+    ------
+    InputError
+        If the vehicle's parameters cannot be read.
+    """
+    if vehicles == "none":
+        return AtOnce(pose)
+    from covey.runtime.simulated_vehicle import SimulatedVehicle  # half a second of imports
+    from covey.vehicles.fleet import Kind
+
+    return SimulatedVehicle(mission, agent, Kind(vehicles), pose, now)
