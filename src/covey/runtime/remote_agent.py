@@ -13,6 +13,7 @@ from covey.errors import ArgumentError
 from covey.geometry import Pose2
 from covey.mission import Mission, mission_digest
 from covey.protocol import (
+    Adopt,
     AgentState,
     Event,
     GoTo,
@@ -52,9 +53,6 @@ LINGER = 1.5
 
 SLEPT = 0.25
 """An agent that comes back so much of `dead_after` later than it meant to has slept, or its process was stopped."""
-
-NEWS_AFTER = 3.0
-"""Heartbeats after which a newcomer takes those for dead that it has not heard."""
 
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
@@ -124,6 +122,8 @@ class RemoteAgent:
         self._wall = clock
         self._slept = 0.0
         self._early: list[Message] = []
+        self._roll_call_at = math.inf
+        self._spoken: set[int] = set()
         self._lost: frozenset[object] = frozenset()
         self._stuck_at: Pose2 | None = None
 
@@ -171,11 +171,13 @@ class RemoteAgent:
     def start(self) -> None:
         """Begin the mission; once, before `step`.
 
-        Who comes into a mission that has begun gives the others `NEWS_AFTER` heartbeats to be heard, and not all of
-        `dead_after`: they have been silent before, if they are.
+        Who comes into a mission that has begun looks after a heartbeat who is there, and does not wait until those who
+        are not have been silent for long: they have been before.
         """
-        ahead = max(0.0, self._dead_after - NEWS_AFTER * self._beat) if self._has_begun else 0.0
-        self._carry_out(self.node.start(self._clock() - ahead, self._rng))
+        membership = self.node.options.membership
+        if self._has_begun and membership is not None and membership.adopt is Adopt.ALL:
+            self._roll_call_at = self._clock() + self._beat
+        self._carry_out(self.node.start(self._clock(), self._rng))
         early, self._early = self._early, []
         self._take_in(early)
 
@@ -197,6 +199,8 @@ class RemoteAgent:
         deadline = self.node.next_deadline()
         if deadline is not None and deadline <= self._clock():
             self._carry_out(self.node.poll(self._clock(), self._rng))
+        if self._roll_call_at <= self._clock():
+            self._call_the_roll()
         self._fly()
         self._prove()
         if self._transport.map_wanted:
@@ -259,7 +263,15 @@ class RemoteAgent:
 
     def _take_in(self, messages: Sequence[Message]) -> None:
         for message in messages:
+            self._spoken.add(message.sender.agent)
             self._carry_out(self.node.receive(self._clock(), message, self._rng))
+
+    def _call_the_roll(self) -> None:
+        """Take those for dead that are neither connected nor heard."""
+        self._roll_call_at = math.inf
+        here = {peer.agent for peer in self._transport.peers} | self._spoken | {self.node.agent}
+        for agent in sorted(set(self.node.poses) - here):
+            self._carry_out(self.node.bury(self._clock(), agent))
 
     def _fly(self) -> None:
         leg = self.vehicle.advance(self._clock())
