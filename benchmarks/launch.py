@@ -1,5 +1,6 @@
-"""Eight agents, each a process of its own on this machine: how long they take to start and to settle without flying, and
-what they score, beside `plan` over as many seeds.
+"""Eight agents, each a process of its own on this machine: how long they take to start and to settle without flying.
+
+What they score stands beside the scores of `plan`.
 """
 
 from __future__ import annotations

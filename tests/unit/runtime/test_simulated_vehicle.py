@@ -45,7 +45,7 @@ def test_it_begins_in_the_air_and_arrives(mission: Mission, kind: Kind) -> None:
     leg, now = fly(vehicle, begin=100.0, until=160.0)
     assert leg is Leg.ARRIVED
     away = math.hypot(GOAL.x - START.x, GOAL.y - START.y)
-    assert now - 100.0 > away / vehicle._fleet.navigator.options.max_speed
+    assert now - 100.0 > away / vehicle._fleet.navigator.options[0].max_speed
     assert math.hypot(vehicle.pose.x - GOAL.x, vehicle.pose.y - GOAL.y) <= mission.flight.arrival_position
     assert abs(wrap_angle(vehicle.pose.yaw - GOAL.yaw)) <= mission.flight.arrival_yaw
     assert abs(vehicle._fleet.simulator.state[0, P + 2] - altitude) < 0.2

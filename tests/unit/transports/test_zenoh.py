@@ -392,12 +392,14 @@ def test_more_questions_than_anybody_needs_are_turned_away(net: Net) -> None:
     session = net.stranger()
     key = f"{PREFIX}/map/0"
     ended: list[int] = []
+    replies: list[zenoh.Reply] = []
     for number in range(40):
-        session.get(key, Callback(lambda reply: None, partial(ended.append, number), indirect=False), timeout=30.0)
+        session.get(key, Callback(replies.append, partial(ended.append, number), indirect=False), timeout=30.0)
     wait_until(lambda: len(ended) >= 24, "those that are too many end at once")
     assert a.map_wanted
     a.show_map(Map(a.sender, RecordSlice(np.empty(0, dtype=np.int64), np.empty((0, 4), dtype=np.int64)), {}))
     wait_until(lambda: len(ended) == 40, "the others are answered")
+    assert len(replies) == 16
 
 
 def test_a_newer_life_supersedes_the_older_and_not_the_other_way_round(net: Net) -> None:
