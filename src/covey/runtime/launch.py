@@ -22,7 +22,7 @@ from covey.runtime.certify import build_certificate, prove_poses
 from covey.runtime.child import Child, Exit
 from covey.runtime.network_file import OBSERVER, NetworkPlan
 from covey.runtime.observer import Observer
-from covey.runtime.plan import software
+from covey.runtime.plan import software_versions
 from covey.runtime.remote_agent import mission_codec, warm_up
 from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.transports.zenoh import ZenohObserver
@@ -333,7 +333,7 @@ class _Launch:
             living = observer.living
             if self._all_there is None and len(living) == len(self._names):
                 self._all_there = self._time
-            view = observer.view
+            view = observer.team
             stage = "starting" if self._all_there is None else "trading"
             self._on_progress(Progress(stage, view.score, view.trades))
             if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
@@ -407,7 +407,7 @@ class _Launch:
     # What came out.
 
     def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
-        view = observer.view
+        view = observer.team
         mission = view.present()
         poses, sets = tuple(view.poses), view.sets()
         certificate = None
@@ -433,7 +433,7 @@ class _Launch:
             pose_optimizations=max(optimizations, view.optimizations),
             agents=view.agents(),
             certificate=certificate,
-            software=dict(software()),
+            software=dict(software_versions()),
             snapshots=view.finish(),
             timing_s=known | {"total": sum(known.values())},
         )

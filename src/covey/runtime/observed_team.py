@@ -31,7 +31,7 @@ CLOSE = 1e-9
 """Relative difference of two scores that are the same."""
 
 
-class TeamView:
+class ObservedTeam:
     """What an observer knows of a team.
 
     Parameters
