@@ -103,6 +103,12 @@ class Trader:
         return self._holdings.escrow
 
     @property
+    def offer(self) -> Offer | None:
+        """The offer that stands while the agent is a prepared server."""
+        message = None if self._pending is None else self._pending.message
+        return message if isinstance(message, Offer) else None
+
+    @property
     def avoid(self) -> tuple[Pose2, ...]:
         """Poses that the agent could not reach."""
         return self._holdings.avoid

@@ -18,10 +18,12 @@ from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
 from covey.runtime.airspace import clear_region, without_disc
-from covey.runtime.plan import PlanRun
+from covey.runtime.feed import Run, Watcher
+from covey.runtime.plan import PlanRun, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet
-from covey.vehicles.fleet import Fleet, Kind
+from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
 from covey.vehicles.flight_log import FlightLog
 
 SLOWEST, GRACE = 0.25, 20.0
@@ -78,6 +80,7 @@ def fly(
     seed: int | None = None,
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    watch: Watcher | None = None,
 ) -> Flight:
     """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
 
@@ -92,6 +95,8 @@ def fly(
         Let the flight take as long as it would.
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
+    watch : Watcher, optional
+        Called with all there is to see, when it happens: `covey.runtime.feed`.
 
     Returns
     -------
@@ -110,7 +115,7 @@ def fly(
     kind = Kind(vehicles)
     if seed is not None:
         mission = mission.with_seed(seed)
-    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress).fly()
+    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()
 
 
 class _Sortie:
@@ -123,6 +128,7 @@ class _Sortie:
         *,
         realtime: bool,
         on_progress: Callable[[Progress], None] | None,
+        watch: Watcher | None,
     ) -> None:
         self._spec = spec = mission.flight
         self._began = time.monotonic()
@@ -142,6 +148,12 @@ class _Sortie:
         self._changes = len(self.run.team.history)
         self.fleet.on_sample = self._scores
         check_starts(mission, self.fleet)
+        self._flown = math.nan
+        self._told_notes = 0
+        self._motion_due = 0.0
+        self._teller: TeamTeller | None = None
+        if watch is not None:
+            self._teller = self.run.teller = self._tell(watch)
 
     def fly(self) -> Flight:
         """Fly from take-off to landing."""
@@ -161,6 +173,9 @@ class _Sortie:
             self.fleet.simulator.close()
         for fault in self._faults:
             self._note("fault", [], f"a fault at {fault.at:g} s did not happen: the flight ended before")
+        if self._teller is not None:
+            self._tell_motion(self._teller)
+            self.run.tell_end(deployment)
         return Flight(
             replace(deployment, flight=self._report(flown)),
             self.fleet.log(),
@@ -209,6 +224,8 @@ class _Sortie:
             elif agent not in self.fleet.lost and (self.fleet.blocked(agent) or now > self._deadlines[agent]):
                 self._miss(agent)
         self._see_who_fell()
+        if self._teller is not None and now >= self._motion_due:
+            self._tell_motion(self._teller)
         self.run.report(self._stage)
 
     def _see_who_fell(self) -> None:
@@ -248,6 +265,8 @@ class _Sortie:
         elif fault.obstacle is not None:
             self._obstacles.append(fault.obstacle)
             self.fleet.add_obstacle(fault.obstacle)
+            if self._teller is not None:
+                self._teller.appeared(fault.obstacle)
             self._note("fault", [], "an obstacle appears")
             self._check_waypoints()
 
@@ -344,7 +363,32 @@ class _Sortie:
             self._moments.append(Moment(self.fleet.time, team.owner.copy(), tuple(team.poses)))
         poses = [self._pose(agent) for agent in range(self.fleet.n)]
         seen = team_visibility(self.run.models, poses, landmarks)
-        return team.score, float(agent_scores(seen, team.owner, landmarks.weights).sum())
+        self._flown = float(agent_scores(seen, team.owner, landmarks.weights).sum())
+        return team.score, self._flown
+
+    def _tell(self, watch: Watcher) -> TeamTeller:
+        fleet, run = self.fleet, self.run
+        scene = describe(
+            run.mission,
+            run.models,
+            run=Run.FLIGHT,
+            software=software_versions(),
+            body_radius=max(vehicle.body_radius for vehicle in fleet.parameters),
+            required_separation=fleet.required_separation,
+        )
+        return TeamTeller(watch, run.team, scene, clock=lambda: fleet.time, altitudes=self.altitudes)
+
+    def _tell_motion(self, teller: TeamTeller) -> None:
+        """Tell what happened since the last time, and where everybody is."""
+        fleet = self.fleet
+        self._motion_due = fleet.time + MOTION_EVERY - 0.5 * CONTROL_PERIOD
+        for event in fleet.recorder.events[self._told_notes :]:
+            if event.kind != "trade":  # the team tells of those
+                teller.note(
+                    fleet.time, event.kind, [fleet.recorder.names.index(name) for name in event.vehicles], event.text
+                )
+        self._told_notes = len(fleet.recorder.events)
+        teller.motion(fleet.state, objects_W=fleet.objects_W, score_flown=self._flown, separation=fleet.separation)
 
     def _report(self, flown: float) -> FlightReport:
         fleet = self.fleet

@@ -20,9 +20,11 @@ from covey.optimize.team_bound import require_built_in
 from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
+from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team, Travel
+from covey.runtime.telling import TeamTeller, describe
 from covey.sensing.registry import build_model
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ def plan(
     bound: bool = False,
     baseline: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    watch: Watcher | None = None,
 ) -> Deployment:
     """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
 
@@ -59,6 +62,8 @@ def plan(
         Also deploy greedily and by Lloyd's iteration, to compare.
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
+    watch : Watcher, optional
+        Called with all there is to see, when it happens: `covey.runtime.feed`.
 
     Returns
     -------
@@ -87,7 +92,12 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
-    return run.deployment(bound=bound, baseline=baseline)
+    if watch is not None:
+        scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
+        run.teller = TeamTeller(watch, run.team, scene)
+    result = run.deployment(bound=bound, baseline=baseline)
+    run.tell_end(result)
+    return result
 
 
 class PlanRun:
@@ -117,6 +127,7 @@ class PlanRun:
             mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
         )
         self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
+        self.teller: TeamTeller | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
@@ -134,7 +145,10 @@ class PlanRun:
         with suppress(KeyboardInterrupt):  # it takes nothing away from what has settled
             if bound and status is PlanStatus.SETTLED:
                 with self._timed("bound"):
-                    result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
+                    found = bound_team(result, on_progress=self._on_progress)
+                    result = replace(result, bound=found)
+                    if self.teller is not None:
+                        self.teller.bound(found.team_upper_bound)
             if baseline and status is PlanStatus.SETTLED:
                 with self._timed("baseline"):
                     self.report("baseline", force=True)
@@ -142,6 +156,12 @@ class PlanRun:
                     result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
         self.timing["total"] = sum(self.timing.values())
         return replace(result, timing_s=self.timing)
+
+    def tell_end(self, result: Deployment) -> None:
+        """Tell whoever watches that the run is over."""
+        if self.teller is not None:
+            certificate = result.certificate
+            self.teller.end(result.status.value, None if certificate is None else certificate.holds)
 
     def interrupted(self) -> Deployment:
         """Return what is known by now."""
@@ -168,7 +188,7 @@ class PlanRun:
             pose_optimizations=self.planner.optimizations,
             agents=agents,
             certificate=certificate,
-            software=dict(_software()),
+            software=dict(software_versions()),
             snapshots=team.finish(),
         )
 
@@ -243,7 +263,8 @@ class PlanRun:
 
 
 @functools.cache
-def _software() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
     import covey
 
     versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}

@@ -63,6 +63,18 @@ class Teleport:
         return None
 
 
+class Onlooker(Protocol):
+    """Wants to know what happens in a team, the moment it happens."""
+
+    def changed(self, event: str, agents: tuple[int, ...]) -> None:
+        """Take notice of a new entry of the history, with the indices of the agents."""
+        ...
+
+    def acted(self, agent: int) -> None:
+        """Take notice of an agent that has done something, perhaps only answered."""
+        ...
+
+
 def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
     """Return the index of each landmark's first owner, shape (n,).
 
@@ -109,6 +121,7 @@ class Team:
     def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
         self.mission = mission
         self.travel = travel or Teleport()
+        self.onlooker: Onlooker | None = None
         self.planner = planner
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = initial_owners(mission, seed)
@@ -138,6 +151,7 @@ class Team:
         """Optimise every agent's first pose, one an iteration."""
         for agent in range(len(self.nodes)):
             self._act(agent, self.bus.start(agent))
+            self._show(agent)
             yield
         self._take_snapshot("after_first_optimization")
 
@@ -175,6 +189,7 @@ class Team:
         assert step is not None, "the bus ran dry before termination was detected"
         if step.agent is not None:
             self._act(step.agent, step.outputs)
+            self._show(step.agent)
         if self._first_client is not None and self.nodes[self._first_client].lock is not Lock.CLIENT_DONE:
             # the client is through when the server has acknowledged: by then both have optimised their poses
             self._first_client = None
@@ -192,6 +207,7 @@ class Team:
             if isinstance(output, Publish):
                 self._detector.receive(output.heartbeat)
         self._act(agent, self.bus.apply(agent, outputs))
+        self._show(agent)
 
     def note(self, event: str, agent: int) -> None:
         """Score an agent anew and put into the history why."""
@@ -251,6 +267,12 @@ class Team:
             self.scores[agent] = self.planner.visibility(agent, self.poses[agent])[own] @ weights[own]
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
+        if self.onlooker is not None:
+            self.onlooker.changed(event, agents)
+
+    def _show(self, agent: int) -> None:
+        if self.onlooker is not None:
+            self.onlooker.acted(agent)
 
     def _snapshot(self, label: str) -> Snapshot:
         return Snapshot(label, tuple(self.poses), self.owner.copy(), self.score)
