@@ -70,6 +70,10 @@ export class Agents {
     }
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, view.width, view.height);
+    context.save();
+    context.beginPath();
+    context.rect(view.frameLeft, 0, view.width, view.frameBottom);
+    context.clip();
     for (let i = 0; i + 2 < state.objects.length; i += 3) {
       context.beginPath();
       context.arc(view.x(state.objects[i]), view.y(state.objects[i + 1]), Math.max(5, 0.25 * view.scale), 0, 2 * Math.PI);
@@ -90,6 +94,7 @@ export class Agents {
       this.drawMark(context, ratio, view, state, agent, places[agent], radius, look, inks);
     }
     this.drawBadges(context, view, state, places, radius, font);
+    context.restore();
   }
 
   /** The agent at a place on the screen, or -1. */
@@ -113,7 +118,7 @@ export class Agents {
       const yaw = yawOf(pose);
       const s = view.scale * ratio;
       context.setTransform(s * Math.cos(yaw), -s * Math.sin(yaw), -s * Math.sin(yaw), -s * Math.cos(yaw), ratio * view.x(pose[0]), ratio * view.y(pose[1]));
-      if (chosen) {
+      if (agent === look.hovered && look.selected < 0) {
         context.fillStyle = "rgba(255,255,255,0.22)";
         context.fill(field, "evenodd");
       }

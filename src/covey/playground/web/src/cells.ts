@@ -56,7 +56,7 @@ export class Cells {
    *
    * `look` counts whatever else changes how all cells look: theme, selection, heat map.
    */
-  draw(context: CanvasRenderingContext2D, ratio: number, view: View, state: State, dirty: Dirty, seen: Float32Array | null, look: number): void {
+  draw(context: CanvasRenderingContext2D, ratio: number, view: View, state: State, dirty: Dirty, seen: Float32Array | null, outlined: number, look: number): void {
     const all = dirty.all || this.drawnView !== view.revision || this.drawnLook !== look;
     if (!all && dirty.cells.length === 0) return;
     if (dirty.all || this.drawnLook !== look) this.heaviest = this.findHeaviest(state);
@@ -64,12 +64,13 @@ export class Cells {
     const shapes = this.lattice !== null && size >= SHAPES_FROM && this.visibleCells(view) <= MOST_SHAPES;
     if (this.lattice) this.paint(state, dirty.all || this.drawnLook !== look ? null : dirty.cells, seen);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    if (all || !shapes) {
+    if (all || !shapes || seen) {
       context.fillStyle = this.inks.paper;
       context.fillRect(0, 0, view.width, view.height);
       if (!this.lattice) this.drawPoints(context, view, state, seen);
       else if (shapes) this.drawShapes(context, view, state, seen, this.visible(view), false);
       else this.drawImage(context, view);
+      if (seen) this.outline(context, view, state, outlined);
     } else {
       this.drawShapes(context, view, state, seen, dirty.cells, true);
     }
@@ -136,6 +137,42 @@ export class Cells {
     context.imageSmoothingEnabled = false;
     const [w, h] = [lattice.columns * lattice.size * view.scale, lattice.rows * lattice.size * view.scale];
     context.drawImage(bitmap, view.x(lattice.xMin), view.y(lattice.yMax), w, h);
+  }
+
+  /** The border of what an agent owns. */
+  private outline(context: CanvasRenderingContext2D, view: View, state: State, agent: number): void {
+    const { lattice } = this;
+    if (!lattice) return;
+    const own = (i: number, j: number): boolean => {
+      if (i < 0 || j < 0 || i >= lattice.rows || j >= lattice.columns) return false;
+      const k = lattice.index[i * lattice.columns + j];
+      return k >= 0 && state.owner[k] === agent;
+    };
+    const size = lattice.size * view.scale;
+    const [left, top] = [view.x(lattice.xMin), view.y(lattice.yMax)];
+    context.beginPath();
+    for (let i = 0; i < lattice.rows; i++) {
+      for (let j = 0; j < lattice.columns; j++) {
+        if (!own(i, j)) continue;
+        const [x, y] = [left + j * size, top + i * size];
+        const sides: [boolean, number, number, number, number][] = [
+          [own(i - 1, j), x, y, x + size, y], [own(i + 1, j), x, y + size, x + size, y + size],
+          [own(i, j - 1), x, y, x, y + size], [own(i, j + 1), x + size, y, x + size, y + size],
+        ];
+        for (const [inside, x0, y0, x1, y1] of sides) {
+          if (inside) continue;
+          context.moveTo(x0, y0);
+          context.lineTo(x1, y1);
+        }
+      }
+    }
+    context.lineCap = "round";
+    context.strokeStyle = "#ffffff";
+    context.lineWidth = 4;
+    context.stroke();
+    context.strokeStyle = this.world.colours[agent];
+    context.lineWidth = 2.5;
+    context.stroke();
   }
 
   private drawShapes(

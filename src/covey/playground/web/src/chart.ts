@@ -171,7 +171,7 @@ export class Chart {
     const key = [...kinds].join();
     if (key === this.legendKey) return;
     this.legendKey = key;
-    this.legend.replaceChildren(...[...kinds].map((kind) => make("li", {}, signMark(kind === "flown" ? "bound" : kind), kind === "flown" ? "as flown" : signOf(kind).label)));
+    this.legend.replaceChildren(...[...kinds].map((kind) => make("li", {}, signMark(kind), signOf(kind).label)));
   }
 }
 

@@ -97,7 +97,7 @@ export class WorldMap {
     if (!cells || !agents) return;
     this.updateHeat(world, state, selection);
     const changed = session.dirty.all || session.dirty.cells.length > 0;
-    cells.draw(this.layers[0].context, this.ratio, this.view, state, session.dirty, this.seen, this.look);
+    cells.draw(this.layers[0].context, this.ratio, this.view, state, session.dirty, this.seen, selection.agent, this.look);
     session.dirty.clear();
     if (changed) this.numbersStale = true;
     this.drawScenery(world, state, session, selection);
@@ -171,7 +171,7 @@ export class WorldMap {
     }
     this.trails.draw(context, view, world, session.timeline?.paths ?? [], session.x, this.look, inks, stale);
     if (stale) {
-      if (!numbered) {
+      if (!numbered && !this.seen) {
         drawPartitionNumbers(context, view, world, state, this.font);
         this.numbersAt = now;
         this.numbersStale = false;

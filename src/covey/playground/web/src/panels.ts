@@ -193,8 +193,13 @@ export class Panels {
     const gain = Number.isFinite(entry.gain) && Math.abs(entry.gain) >= 0.005
       ? make("span", { class: entry.gain < 0 ? "gain loss" : "gain" }, `${entry.gain < 0 ? "−" : "+"}${Math.abs(entry.gain).toFixed(2)}`) : null;
     return make("li", { "data-kind": entry.kind },
-      make("span", { class: "when" }, byEvents ? String(entry.x) : clock(entry.time)), signMark(entry.kind), make("span", {}, entry.agents.length ? who : null, entry.text || entry.kind), gain);
+      make("span", { class: "when" }, byEvents ? String(entry.x) : clock(entry.time)), signMark(entry.kind), make("span", {}, entry.agents.length ? who : null, withoutScore(entry.text) || entry.kind), gain);
   }
+}
+
+/** The score after a change is on the curve, and the gain beside the text. */
+function withoutScore(text: string): string {
+  return text.replace(/;? ?score [\d.]+$/, "");
 }
 
 function statusOf(session: Session): [string, string] {

@@ -110,7 +110,7 @@ export class View3d {
       this.mission = world.scene.mission;
       this.camera.far = 40 * this.size;
       this.camera.near = 0.002 * this.size;
-      this.camera.position.set(middle.x - 0.35 * this.size, middle.y - 1.05 * this.size, 0.85 * this.size);
+      this.camera.position.set(middle.x - 0.3 * this.size, middle.y - 0.82 * this.size, 0.72 * this.size);
       this.camera.updateProjectionMatrix();
       this.orbit.target.copy(middle);
       this.orbit.update();
@@ -207,7 +207,7 @@ export class View3d {
       prism.position.z = Math.max(obstacle.zMin, -TALLEST);
       return prism;
     });
-    this.stage.add(...this.obstacles);
+    for (const made of this.obstacles) this.stage.add(made);
     this.stale = true;
   }
 

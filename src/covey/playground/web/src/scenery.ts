@@ -3,7 +3,7 @@
 import { withAlpha, type Inks } from "./colour";
 import type { Obstacle, State, World } from "./state";
 import { lastAtOrBefore, type Path } from "./timeline";
-import { MARGIN, type View } from "./view";
+import type { View } from "./view";
 
 function trace(path: CanvasRenderingContext2D, view: View, rings: Float64Array[]): void {
   path.beginPath();
@@ -102,14 +102,23 @@ export class Trails {
       context.beginPath();
       context.moveTo(view.x(points[3 * from]), view.y(points[3 * from + 1]));
       for (let i = from + 1; i <= last; i++) context.lineTo(view.x(points[3 * i]), view.y(points[3 * i + 1]));
-      if (paths.length <= 40) {
-        context.strokeStyle = withAlpha(inks.ink, 0.65);
-        context.lineWidth = 3.2;
+      if (world.scene.run === "plan") {
+        // jumps from waypoint to waypoint, where nothing flew
+        context.setLineDash([2, 4]);
+        context.strokeStyle = withAlpha(inks.ink, 0.6);
+        context.lineWidth = 1.3;
+        context.stroke();
+        context.setLineDash([]);
+      } else {
+        if (paths.length <= 40) {
+          context.strokeStyle = withAlpha(inks.ink, 0.65);
+          context.lineWidth = 3.2;
+          context.stroke();
+        }
+        context.strokeStyle = world.colours[agent];
+        context.lineWidth = 1.8;
         context.stroke();
       }
-      context.strokeStyle = world.colours[agent];
-      context.lineWidth = 1.8;
-      context.stroke();
       this.done[agent] = last;
     });
   }
@@ -140,7 +149,7 @@ function label(value: number, step: number): string {
 /** Axes in metres along the left and the lower edge. */
 export function drawAxes(context: CanvasRenderingContext2D, view: View, inks: Inks, georeferenced: boolean, font: string): void {
   const { width, height, scale } = view;
-  const [left, bottom] = [MARGIN.left - 8, height - MARGIN.bottom + 6];
+  const [left, bottom] = [view.frameLeft, view.frameBottom];
   context.fillStyle = inks.paper;
   context.fillRect(0, 0, left, height);
   context.fillRect(0, bottom, width, height - bottom);

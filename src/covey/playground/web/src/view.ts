@@ -45,6 +45,16 @@ export class View {
     return new View(NO_MARGIN);
   }
 
+  /** Left edge of the plot. */
+  get frameLeft(): number {
+    return Math.max(0, this.margin.left - 8);
+  }
+
+  /** Lower edge of the plot. */
+  get frameBottom(): number {
+    return this.height - Math.max(0, this.margin.bottom - 6);
+  }
+
   resize(width: number, height: number): void {
     if (width === this.width && height === this.height) return;
     this.width = width;
