@@ -67,8 +67,8 @@ class PlaygroundServer:
         Instead of a live run: the lines of a record, see `covey.playground.offline.feed_bytes`.
     speed : float
         How fast a record is played at first.
-    static : Path
-        Directory of the built page.
+    static : Path, optional
+        Directory of the built page; by default the one that comes with covey.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class PlaygroundServer:
         seen_by: SeenBy | None = None,
         record: bytes | None = None,
         speed: float = 1.0,
-        static: Path = STATIC,
+        static: Path | None = None,
     ) -> None:
         self.controls = Controls(steering)
         self._broadcast = Broadcast()
@@ -101,7 +101,7 @@ class PlaygroundServer:
         self._seen: dict[int, tuple[bytes, str]] = {}
         self._record = record
         self._speed = speed
-        self._page = load_page(static)
+        self._page = load_page(static or STATIC)
         self._socket = bind(host, port)
         self.host, self.port = host, int(self._socket.getsockname()[1])
         app = Starlette(

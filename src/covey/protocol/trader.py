@@ -109,6 +109,11 @@ class Trader:
         return message if isinstance(message, Offer) else None
 
     @property
+    def options(self) -> NodeOptions:
+        """Waiting times, and what is asked of the agent."""
+        return self._options
+
+    @property
     def avoid(self) -> tuple[Pose2, ...]:
         """Poses that the agent could not reach."""
         return self._holdings.avoid

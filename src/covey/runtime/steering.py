@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from covey.errors import ArgumentError
-from covey.runtime.feed import Scene, TeamChange, Trading, Update
+from covey.runtime.feed import Scene, TeamChange, Trading, Update, Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,27 +143,24 @@ class Pace:
 class Steering:
     """A mailbox between those who watch a run and the run, which looks into it between its steps.
 
-    Any thread may `ask`; `hold`, `take` and `offer` are the run's.
+    Any thread may `ask`; the rest is the run's.
 
     Parameters
     ----------
-    stride : float
-        What `Step` lets pass: of a flight seconds, of a plan 1 change or offer.
-    speed : float, keyword-only
+    speed : float
         At first; see `SetSpeed`.
 
     Attributes
     ----------
     loss : float
         Share of the messages that are lost, as the run has set it.
-    told : int
-        How many changes and offers the run has told of, as far as `watch` has seen them.
     """
 
-    def __init__(self, stride: float, *, speed: float = 0.0) -> None:
+    def __init__(self, *, speed: float = 0.0) -> None:
         self.loss = 0.0
-        self.told = 0
-        self._stride = stride
+        self._told = 0
+        self._progress: Callable[[], float] = lambda: self._told
+        self._stride = 1.0
         self._changed = threading.Condition()
         self._kinds: set[type[Command]] = {Pause, Resume, Step, SetSpeed}
         self._requests: list[Request] = []
@@ -216,13 +213,26 @@ class Steering:
 
     # The run's side.
 
-    def offer(self, kinds: Iterable[type[Command]]) -> None:
+    def offer(self, *kinds: type[Command]) -> None:
         """Say what the run carries out, besides pausing and its speed."""
         self._kinds |= set(kinds)
 
-    def watch(self, item: Scene | Update) -> None:
-        """Count what can be seen."""
-        self.told += isinstance(item, TeamChange | Trading)
+    def measure(self, progress: Callable[[], float], stride: float) -> None:
+        """Say how far the run is, in what speed is measured in, and how far `Step` goes.
+
+        By default progress is the number of changes and offers that `counting` has seen, and a step is one of them.
+        """
+        self._progress, self._stride = progress, stride
+
+    def counting(self, watch: Watcher | None) -> Watcher:
+        """Return a watcher that counts what can be seen, and passes it on."""
+
+        def count(item: Scene | Update) -> None:
+            self._told += isinstance(item, TeamChange | Trading)
+            if watch is not None:
+                watch(item)
+
+        return count
 
     def take(self) -> list[Request]:
         """Take what the run is asked for; the run calls `Request.refuse` for what it cannot do."""
@@ -232,23 +242,21 @@ class Steering:
             requests, self._requests = self._requests, []
         return requests
 
-    def hold(self, progress: float, idle: Callable[[], object]) -> None:
+    def hold(self, idle: Callable[[], object]) -> None:
         """Wait while the run is paused or ahead of its speed, or until something is to be taken.
 
         Parameters
         ----------
-        progress : float
-            How far the run is: seconds of a flight, `told` of a plan.
         idle : callable
             Called now and then meanwhile; what it raises ends the waiting.
         """
-        with self._changed:
-            while not self._requests:
-                wait = self._to_wait(progress)
+        while True:
+            with self._changed:
+                wait = 0.0 if self._requests else self._to_wait(self._progress())
                 if wait <= 0.0:
                     return
                 self._changed.wait(min(wait, GLANCE))
-                idle()
+            idle()
 
     def _to_wait(self, progress: float) -> float:
         """Return for how many seconds the run must wait from now on; more may follow."""

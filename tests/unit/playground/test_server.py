@@ -208,7 +208,7 @@ def test_a_new_scene_is_told_with_its_obstacles(serve: Serve) -> None:
     ],
 )
 def test_whoever_breaks_the_rules_is_turned_away(serve: Serve, frames: list[str | bytes]) -> None:
-    steering = Steering(1.0)
+    steering = Steering()
     server = serve(steering=steering)
 
     async def knock() -> int | None:
@@ -228,8 +228,8 @@ def test_whoever_breaks_the_rules_is_turned_away(serve: Serve, frames: list[str 
 
 
 def test_who_has_the_token_may_steer_and_refusals_are_private(serve: Serve) -> None:
-    steering = Steering(1.0)
-    steering.offer([Kill])
+    steering = Steering()
+    steering.offer(Kill)
     server = serve(steering=steering)
     token = server.controls.token
     for item in sample_feed(agents=3, landmarks=12, seconds=0.5):

@@ -1,0 +1,163 @@
+"""The state of a team as its events tell it: poses, owners, scores, and how they came about."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.coverage import agent_scores, team_visibility
+from covey.geometry import Pose2
+from covey.mission import Mission, SensorSpec
+from covey.protocol import (
+    AgentBuried,
+    AgentReturned,
+    Cause,
+    Event,
+    LandmarksAdopted,
+    PoseOptimized,
+    Sender,
+    TradeCommitted,
+    WaypointAbandoned,
+)
+from covey.runtime.agent import build_models
+from covey.runtime.result import AgentResult, HistoryEntry, Scores, Snapshot
+from covey.sensing import VisibilityModel, build_model
+
+CLOSE = 1e-9
+"""Relative difference of two scores that are the same."""
+
+
+class TeamView:
+    """What an observer knows of a team.
+
+    Parameters
+    ----------
+    mission : Mission
+    owner : array, shape (n,)
+        To whom the landmarks are assigned first.
+
+    Notes
+    -----
+    Events of different agents may come in another order than they happened in, and those of an agent that dies may not
+    come at all, so scores on the way are those of what is known; `settle` puts the truth in their place.  The dead see
+    nothing.
+    """
+
+    def __init__(self, mission: Mission, owner: NDArray[np.int64]) -> None:
+        self.mission = mission
+        self.models = build_models(mission)
+        self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
+        self.owner = owner.copy()
+        self.trades = 0
+        self.optimizations = 0
+        self.dead: set[int] = set()
+        self.scores = self._all_scores()
+        self.history = [HistoryEntry("initial", (), self.score)]
+        self.snapshots = [self._snapshot("initial")]
+        self._buried: set[int] = set()
+        self._returned: set[Sender] = set()
+
+    @property
+    def score(self) -> float:
+        """Team score of those that live, eq. (4.5)."""
+        return float(sum(score for agent, score in enumerate(self.scores) if agent not in self.dead))
+
+    def take(self, event: Event) -> None:
+        """Note an event."""
+        match event:
+            case PoseOptimized():
+                self.poses[event.agent] = event.pose
+                self.optimizations += 1
+                self._log("proof" if event.cause is Cause.PROOF else "optimization", event.agent)
+            case WaypointAbandoned():
+                self.poses[event.agent] = event.held
+                self._log("abandoned", event.agent)
+            case TradeCommitted():
+                self.poses[event.client], self.poses[event.server] = event.client_pose, event.server_pose
+                self.owner[event.client_landmarks] = event.client
+                self.owner[event.server_landmarks] = event.server
+                self.trades += 1
+                self._log("trade", event.client, event.server)
+            case LandmarksAdopted():
+                losers = np.unique(self.owner[event.records.indices])
+                self.owner[event.records.indices] = event.agent
+                if (losers != event.agent).any():
+                    self._log("adoption", event.agent, rescore=(*(int(loser) for loser in losers), event.agent))
+            case AgentBuried() if event.dead not in self._buried:
+                self._buried.add(event.dead)
+                self._log("death", event.dead)
+            case AgentReturned() if event.returned not in self._returned:
+                self._returned.add(event.returned)
+                self._buried.discard(event.returned.agent)
+                self._log("return", event.returned.agent)
+            case _:
+                pass
+
+    def set_living(self, living: Mapping[int, int]) -> None:
+        """Say who lives: who has been buried and does not is dead."""
+        self.dead = {agent for agent in self._buried if agent not in living}
+
+    def settle(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
+        """Put what the team has agreed on in the place of what events told."""
+        self.owner = owner.copy()
+        for agent, pose in poses.items():
+            self.poses[agent] = pose
+        self.scores = self._all_scores()
+        if abs(self.history[-1].score - self.score) > CLOSE * max(1.0, self.score):
+            self.history.append(HistoryEntry("settled", (), self.score))
+        else:
+            self.history[-1] = replace(self.history[-1], score=self.score)
+
+    def sets(self) -> list[NDArray[np.int64]]:
+        """Return the sorted landmarks of each agent."""
+        return [np.flatnonzero(self.owner == agent) for agent in range(len(self.poses))]
+
+    def present(self) -> Mission:
+        """Return the mission as it is for those that live: the dead are blind."""
+        blind = SensorSpec("blind", {})
+        agents = tuple(
+            replace(specification, sensor=blind) if agent in self.dead else specification
+            for agent, specification in enumerate(self.mission.agents)
+        )
+        return replace(self.mission, agents=agents)
+
+    def present_models(self) -> tuple[VisibilityModel, ...]:
+        """Return the sensors of `present`."""
+        blind = build_model("blind")
+        return tuple(blind if agent in self.dead else model for agent, model in enumerate(self.models))
+
+    def agents(self) -> tuple[AgentResult, ...]:
+        """Return where each agent is and what it watches."""
+        return tuple(
+            AgentResult(specification.name, self.poses[i], 0.0 if i in self.dead else float(self.scores[i]), landmarks)
+            for i, (specification, landmarks) in enumerate(zip(self.mission.agents, self.sets(), strict=True))
+        )
+
+    def summary(self) -> Scores:
+        """Return the scores at the start and the end; there is no moment at which all have optimised once."""
+        return Scores(self.history[0].score, math.nan, math.nan, self.score)
+
+    def finish(self) -> tuple[Snapshot, ...]:
+        """Return the state at the start and now."""
+        return (*self.snapshots, self._snapshot("final"))
+
+    def _all_scores(self) -> NDArray[np.float64]:
+        landmarks = self.mission.landmarks
+        return agent_scores(team_visibility(self.models, self.poses, landmarks), self.owner, landmarks.weights)
+
+    def _log(self, event: str, *agents: int, rescore: tuple[int, ...] | None = None) -> None:
+        weights = self.mission.landmarks.weights
+        for agent in agents if rescore is None else rescore:
+            own = np.flatnonzero(self.owner == agent)
+            pose = self.poses[agent].as_array()[None, :]
+            seen = self.models[agent].visibility(pose, self.mission.landmarks.subset(own))[0] if len(own) else own
+            self.scores[agent] = float(seen @ weights[own])
+        names = tuple(self.mission.agents[agent].name for agent in agents)
+        self.history.append(HistoryEntry(event, names, self.score))
+
+    def _snapshot(self, label: str) -> Snapshot:
+        return Snapshot(label, tuple(self.poses), self.owner.copy(), self.score)
