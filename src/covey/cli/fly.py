@@ -44,8 +44,8 @@ def fly(
 ) -> None:
     """Fly a mission in simulation: take off, trade and fly until nobody gains, land.
 
-    The result directory gets what `covey plan` writes, and the flight: its log (flight.npz), figures (flight.png,
-    flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
+    The result directory gets what `covey plan` writes, record.mcap with the flight, its log (flight.npz), figures
+    (flight.png, flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
 
     An exercise file (a few vehicles with goals or trajectories, no landmarks) is flown as well.
 
@@ -82,6 +82,7 @@ def fly(
     loaded = load_mission(mission, seed=seed)
 
     from covey.cli.progress import ProgressLine
+    from covey.cli.recording import Recording
     from covey.runtime.fly import fly as fly_mission
     from covey.runtime.record import check_result_target, default_directory, result_text
     from covey.runtime.sortie_record import write_flight
@@ -89,17 +90,22 @@ def fly(
     target = default_directory(f"{loaded.name}-flown", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
-    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+    with (
+        Interruption() as interruption,
+        Recording(target, quiet=quiet) as recording,
+        ProgressLine(quiet=quiet) as progress,
+    ):
 
         def report(news: Progress) -> None:
             interruption.check()
             progress(news)
 
-        flight = fly_mission(loaded, vehicles=vehicles, realtime=realtime, on_progress=report)
+        flight = fly_mission(loaded, vehicles=vehicles, realtime=realtime, on_progress=report, watch=recording.recorder)
         try:
             write_flight(flight, target, overwrite=force, film=film, on_progress=progress)
+            recording.keep()
         except OutputError as error:  # what was found must not be lost with it
-            failure = error
+            failure = recording.lost(error)
     deployment = flight.deployment
     if json:
         typer.echo(result_text(deployment, target), nl=False)

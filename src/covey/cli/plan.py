@@ -50,8 +50,9 @@ def plan(
 ) -> None:
     """Plan a mission: who goes where and watches what, proved.
 
-    The result directory gets result.json, agents.csv, deployment.png, deployment.pdf and, for missions on the map,
-    deployment.geojson. Ctrl-C ends the planning early and keeps what is known by then.
+    The result directory gets result.json, agents.csv, deployment.png, deployment.pdf, the record of the run
+    (record.mcap: see `covey info`) and, for missions on the map, deployment.geojson. Ctrl-C ends the planning early
+    and keeps what is known by then.
 
     Exit code: 0 the deployment is proved, 1 its certificate does not hold, 2 bad input or the result cannot be
     written, 3 an optimiser failed, for example a bound for a sensor that is not built in, 130 Ctrl-C.
@@ -69,12 +70,13 @@ def plan(
 
     loaded = load_mission(mission, seed=seed)
 
+    from covey.cli.recording import Recording
     from covey.runtime.record import check_result_target, default_directory, write_result
 
     target = default_directory(loaded.name, loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
-    with Interruption() as interruption:
+    with Interruption() as interruption, Recording(target, quiet=quiet) as recording:
         # Half a second of imports that only the figures need, while the planner's compiled code runs.
         threading.Thread(target=_import_figures).start()
         deployment = _plan(
@@ -85,11 +87,13 @@ def plan(
             optimizer=None if optimizer is None else OptimizerName(optimizer),
             bound=bound,
             baseline=baseline,
+            watch=recording.recorder,
         )
         try:
             write_result(deployment, target, overwrite=force)
+            recording.keep()
         except OutputError as error:  # what was found must not be lost with it
-            failure = error
+            failure = recording.lost(error)
     _show(deployment, target, json=json, quiet=quiet, written=failure is None)
     if failure is not None:
         raise failure

@@ -6,12 +6,14 @@ import struct
 from collections import Counter
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple
 
 import zstandard
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
@@ -19,7 +21,8 @@ from mcap.summary import Summary
 
 from covey.errors import RecordError
 from covey.runtime.feed import Health, Motion, ObstacleAppeared, Scene, TeamChange, TeamState, Trading, Update, Weights
-from covey.runtime.mcap_record import METADATA, RECORD, VERSION, topic_of
+from covey.runtime.mcap_record import METADATA, VERSION, topic_of
+from covey.runtime.record import RECORD
 from covey.runtime.record_types import LAYOUTS, decode
 from covey.runtime.view import TeamView
 
@@ -34,6 +37,12 @@ _BROKEN = (
     MemoryError,
 )
 """What the library raises where bytes are not what they should be."""
+
+KEPT = 4
+"""So many chunks that were read last are kept."""
+
+_CHUNK_HEAD = struct.Struct("<BQQQQII4sQ")
+"""Of a chunk with zstd: opcode, length, both times, size, checksum, name of the compression, compressed size."""
 
 _RELATIVE = (TeamChange, Trading, Weights)
 """What means something only together with all before it."""
@@ -100,9 +109,14 @@ class Record:
         self._classes: dict[int, type[Any]] = {}
         self._blocks: list[_Block] = []
         self._counts = Counter[int]()
+        self._torn: Sequence[object] = ()
+        self._cached = lru_cache(maxsize=KEPT)(self._chunk)
         self._stream = self._open()
         try:
             self._read_structure()
+        except OSError as error:
+            self._stream.close()
+            raise RecordError(f"{self.path}: cannot be read: {error}") from error
         except BaseException:
             self._stream.close()
             raise
@@ -226,9 +240,7 @@ class Record:
         """Return the index of a complete file."""
         try:
             summary = SeekingReader(self._stream, record_size_limit=self.size).get_summary()
-        except OSError as error:
-            raise RecordError(f"{self.path}: cannot be read: {error}") from error
-        except _BROKEN:
+        except (OSError, *_BROKEN):  # too short to look for the end, or the end is not what it should be
             return None
         return summary
 
@@ -270,8 +282,8 @@ class Record:
                 self._take_metadata(record)
                 if isinstance(record, Footer):
                     break
-        except _BROKEN:
-            pass  # here it was cut
+        except _BROKEN:  # here it was cut
+            self._scan_torn(channels, schemas)
         if self.read_to == 0:
             if not self._is_mcap():
                 raise RecordError(f"{self.path}: expected an MCAP file, got something else")
@@ -284,17 +296,32 @@ class Record:
         return magic.startswith(self._stream.read(len(magic)))
 
     def _scan_chunk(self, offset: int, chunk: Chunk, channels: dict[int, Channel], schemas: dict[int, Schema]) -> None:
-        found = Counter[int]()
-        for record in self._broken_up(offset, chunk):
+        self._scan_records(offset, self._broken_up(offset, chunk), channels, schemas)
+
+    def _scan_torn(self, channels: dict[int, Channel], schemas: dict[int, Schema]) -> None:
+        """Find what there is in the chunk in which the file ends."""
+        self._stream.seek(self.read_to)
+        data = self._stream.read()
+        self._torn = torn_records(data)
+        if self._torn:
+            self._scan_records(self.read_to, self._torn, channels, schemas)
+            self.read_to = self.size
+
+    def _scan_records(
+        self, offset: int, records: Sequence[object], channels: dict[int, Channel], schemas: dict[int, Schema]
+    ) -> None:
+        found, times = Counter[int](), list[int]()
+        for record in records:
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Message):
                 found[record.channel_id] += 1
+                times.append(record.log_time)
         self._counts += found
         if found:
-            self._blocks.append(_Block(offset, chunk.message_start_time, chunk.message_end_time, frozenset(found)))
+            self._blocks.append(_Block(offset, min(times), max(times), frozenset(found)))
 
     def _broken_up(self, offset: int, chunk: Chunk) -> Sequence[object]:
         """Return what is in a chunk; a damaged one is noted, and nothing is."""
@@ -306,6 +333,8 @@ class Record:
             return ()
 
     def _chunk(self, block: _Block) -> Sequence[object]:
+        if self._torn and block is self._blocks[-1]:
+            return self._torn
         self._stream.seek(block.offset)
         reader = StreamReader(self._stream, skip_magic=True, emit_chunks=True, record_size_limit=self.size)
         try:
@@ -324,7 +353,7 @@ class Record:
         for block in blocks:
             if not wanted.keys() & block.channels:
                 continue
-            records = self._chunk(block)
+            records = self._cached(block)
             whole = whole and block.offset not in self._damaged
             for record in records:
                 if not isinstance(record, Message) or record.channel_id not in wanted:
@@ -356,3 +385,28 @@ class Record:
                 if found:
                     return found[-1]
         return None
+
+
+def torn_records(data: bytes) -> Sequence[object]:
+    """Return what can be had of the records in a chunk of which only the beginning is there."""
+    if len(data) < _CHUNK_HEAD.size or data[0] != Opcode.CHUNK:
+        return ()
+    name = _CHUNK_HEAD.unpack_from(data)[7]
+    if name != b"zstd":
+        return ()
+    try:
+        text = zstandard.ZstdDecompressor().decompressobj().decompress(data[_CHUNK_HEAD.size :])
+    except zstandard.ZstdError:
+        return ()
+    records: list[object] = []
+    at, head = 0, struct.Struct("<BQ")
+    while at + head.size <= len(text):
+        end = at + head.size + head.unpack_from(text, at)[1]
+        if end > len(text):
+            break
+        try:
+            records += breakup_chunk(Chunk("", text[at:end], 0, 0, 0, end - at))
+        except _BROKEN:
+            break
+        at = end
+    return records

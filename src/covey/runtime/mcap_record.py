@@ -8,6 +8,7 @@ import json
 import os
 import queue
 import threading
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -17,12 +18,10 @@ from mcap.writer import CompressionType, Writer
 
 from covey.errors import OutputError
 from covey.runtime import ros_types
-from covey.runtime.feed import Scene, Update
+from covey.runtime.feed import Scene, TeamState, Update
+from covey.runtime.output import PARTIAL
 from covey.runtime.record_topics import StandardTopics
 from covey.runtime.record_types import LAYOUTS, PACKAGE, definition, encode, type_name
-
-RECORD = "record.mcap"
-"""Name of the record in a result directory."""
 
 VERSION = 1
 """Of what covey puts into a record: the types of `covey.runtime.record_types`."""
@@ -58,16 +57,17 @@ def topic_of(cls: type[Scene] | type[Update]) -> str:
 
 
 def partial_path(directory: str | Path) -> Path:
-    """Return where the record of a run is while it goes on: beside its result directory, a name that is free.
+    """Return where the record of a run is while it goes on: in its result directory, or beside where that will be.
 
     Examples
     --------
-    >>> partial_path("somewhere/result").name
-    'result.partial.mcap'
+    >>> partial_path("somewhere/result").as_posix()
+    'somewhere/result.partial.mcap'
     """
     directory = Path(directory)
+    folder, stem = (directory, "record") if directory.is_dir() else (directory.parent, directory.name)
     for number in itertools.count(1):
-        candidate = directory.parent / f"{directory.name}.partial{'' if number == 1 else f'-{number}'}.mcap"
+        candidate = folder / f"{stem}{'' if number == 1 else f'-{number}'}{PARTIAL}"
         if not os.path.lexists(candidate):
             return candidate
     raise AssertionError("unreachable")
@@ -82,7 +82,9 @@ class Recorder:
     Parameters
     ----------
     path : str or Path
-        The file; there must be none.
+        The file; there must be none.  It is made when there is something to write.
+    on_open : callable, optional
+        Called with the path when the file is there.
 
     Attributes
     ----------
@@ -90,37 +92,31 @@ class Recorder:
     failure : OutputError or None
         Why the record ends early.  A run does not suffer from that.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be made.
-
     Examples
     --------
     >>> with Recorder("run.mcap") as recorder:  # doctest: +SKIP
     ...     covey.plan(mission, watch=recorder)
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, on_open: Callable[[Path], object] | None = None) -> None:
         self.path = Path(path)
         self.failure: OutputError | None = None
-        self._stream: IO[bytes]
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = self.path.open("xb")
-        except OSError as error:
-            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+        self._on_open = on_open
         self._waiting: queue.Queue[Scene | Update] = queue.Queue(WAITING)
         self._wake = threading.Event()
         self._closing = False
-        self._told = False
-        self._file = RecordFile(self._stream)
-        self._thread = threading.Thread(target=self._run, name="covey-record", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
 
     def __call__(self, item: Scene | Update) -> None:
-        """Take the next thing that is told."""
-        self._told = True
+        """Take the next thing that is told.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be made.
+        """
+        if self._thread is None:
+            self._open()
         if self._waiting.qsize() >= WAITING // 2:
             self._wake.set()
         while self.failure is None:
@@ -137,16 +133,11 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """Complete the file; one that nothing was told to is removed."""
-        if self._closing:
-            return
-        self._closing = True
-        self._wake.set()
-        self._thread.join()
-        with contextlib.suppress(OSError):  # what could not be written has been reported
-            self._stream.close()
-        if not self._told:
-            self.path.unlink(missing_ok=True)
+        """Complete the file."""
+        if self._thread is not None:
+            self._closing = True
+            self._wake.set()
+            self._thread.join()
 
     def move(self, path: str | Path) -> None:
         """Complete the file and move it, in place of one that is there.
@@ -159,6 +150,8 @@ class Recorder:
         self.close()
         if self.failure is not None:
             raise self.failure
+        if self._thread is None:
+            return
         try:
             self.path.replace(path)
         except OSError as error:
@@ -167,15 +160,28 @@ class Recorder:
             ) from error
         self.path = Path(path)
 
-    def _run(self) -> None:
+    def _open(self) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            stream = self.path.open("xb")
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+        self._thread = threading.Thread(target=self._run, args=(stream,), name="covey-record", daemon=True)
+        self._thread.start()
+        if self._on_open is not None:
+            self._on_open(self.path)
+
+    def _run(self, stream: IO[bytes]) -> None:
         why: object = "a mistake in covey"
         try:
-            while not self._closing:
-                self._wake.wait(WRITE_EVERY)
-                self._wake.clear()
-                self._write()
-            self._write()
-            self._file.finish()
+            with stream:
+                file = RecordFile(stream)
+                while not self._closing:
+                    self._wake.wait(WRITE_EVERY)
+                    self._wake.clear()
+                    self._write(file)
+                self._write(file)
+                file.finish()
             why = None
         except OSError as error:
             why = error.strerror or error
@@ -183,13 +189,13 @@ class Recorder:
             if why is not None:
                 self.failure = OutputError(f"{self.path}: cannot be written: {why}; the record ends before the run")
 
-    def _write(self) -> None:
+    def _write(self, file: RecordFile) -> None:
         """Write all that waits."""
         count = self._waiting.qsize()
         for _ in range(count):
-            self._file.write(self._waiting.get_nowait())
+            file.write(self._waiting.get_nowait())
         if count:
-            self._file.flush()
+            file.flush()
 
 
 class RecordFile:
@@ -225,6 +231,8 @@ class RecordFile:
             self._now = max(self._now, round(item.time * 1e9))
         self._message(self._channels[topic_of(type(item))], encode(item))
         self._standard.write(item, self._now)
+        if isinstance(item, TeamState) and self._sequences[self._channels[topic_of(TeamState)]] == 1:
+            self._writer.flush()  # with this a file that is cut can be read at all
 
     def flush(self) -> None:
         """Give all that was written to the operating system."""
