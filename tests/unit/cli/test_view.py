@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
+import gzip
 import json
 import os
 import re
@@ -12,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -73,7 +76,7 @@ class Watched:
         async def talk() -> list[dict[str, Any]]:
             async with connect(f"ws://{urlsplit(self.url).netloc}/api/feed", proxy=None, max_size=None) as socket:
                 await socket.send(HELLO % self.token)
-                messages = await listen(socket, "Steered")
+                messages = await listen(socket, until if until == "Hello" else "Steered")
                 for command in commands:
                     await socket.send(json.dumps({"type": "command", "token": self.token, **command}))
                 if any(message["type"] == until for message in messages):
@@ -130,6 +133,7 @@ def test_ctrl_c_ends_a_paused_run_with_what_it_has(mission: Path) -> None:
 def test_a_team_to_play_with(mission: Path) -> None:
     with covey("playground", str(mission), "--speed", "4", folder=mission.parent) as watched:
         messages = watched.visit("Refused", {"command": "kill", "agent": 5})
+        watched.process.send_signal(signal.SIGINT)
         code, err = watched.end()
     assert (code, err.count("Traceback")) == (0, 0)
     hello = [message for message in messages if message["type"] == "Hello"][-1]
@@ -213,3 +217,35 @@ def test_heat_maps_are_those_of_the_sensor(mission: Path) -> None:
     sensor = loaded.agents[0].sensor
     expected = build_model(sensor.model, sensor.options).visibility(pose.as_array()[None, :], loaded.landmarks)[0]
     np.testing.assert_allclose(seen, expected, rtol=1e-9)
+
+
+def test_a_record_is_replayed_served_and_written_as_one_file(mission: Path) -> None:
+    folder = mission.parent
+    subprocess.run([sys.executable, "-m", "covey", "plan", str(mission), "--out", "out", "-q"], cwd=folder, check=True)
+    with covey("replay", "out", "--speed", "2", folder=folder) as watched:
+        (hello,) = watched.visit("Hello")
+        with urllib.request.urlopen(f"http://{urlsplit(watched.url).netloc}/api/record") as response:
+            served = response.read()
+        watched.process.send_signal(signal.SIGINT)
+        code, err = watched.end()
+    assert (code, err.count("Traceback"), hello["source"], hello["speed"]) == (0, 0, "record", 2.0)
+    kinds = [json.loads(line)["type"] for line in gzip.decompress(served).splitlines()]
+    assert (kinds[0], kinds[1], kinds[-1]) == ("Scene", "TeamState", "Ended")
+
+    write = [sys.executable, "-m", "covey", "replay", "out/record.mcap", "--html", "page.html"]
+    subprocess.run(write, cwd=folder, check=True)
+    page = (folder / "page.html").read_text()
+    assert base64.b64encode(served).decode() in page
+    again = subprocess.run(write, cwd=folder, check=False, capture_output=True, text=True)
+    assert again.returncode == 2
+    assert again.stderr == "covey: page.html: is there already; choose another name, or replace it with --force\n"
+    subprocess.run([*write, "--force"], cwd=folder, check=True)
+    assert sorted(path.name for path in folder.iterdir()) == ["mission.yaml", "out", "page.html"]
+
+
+@pytest.mark.parametrize("name", ["none.mcap", "mission.yaml"])
+def test_what_is_no_record_is_said(mission: Path, name: str) -> None:
+    with covey("replay", name, folder=mission.parent) as watched:
+        assert watched.end()[0] == 2
+    assert len(watched.before) == 1
+    assert watched.before[0].startswith(f"covey: {name}: ")
