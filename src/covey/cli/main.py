@@ -12,8 +12,10 @@ import typer
 from covey import __version__
 from covey.cli.certify import certify
 from covey.cli.chaos import chaos
+from covey.cli.figures import figures
 from covey.cli.fly import fly
 from covey.cli.heatmap import heatmap
+from covey.cli.info import info
 from covey.cli.interrupt import leave_at_once
 from covey.cli.plan import plan
 from covey.cli.reproduce import reproduce
@@ -31,7 +33,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos, info, figures):
     app.command()(command)
 
 
