@@ -159,7 +159,6 @@ export class Interaction {
     if (Object.hasOwn(moves, event.key)) view.pan(...moves[event.key]);
     else if (event.key === "+" || event.key === "=") view.zoomAt(view.width / 2, view.height / 2, 1.25);
     else if (event.key === "-") view.zoomAt(view.width / 2, view.height / 2, 0.8);
-    else if (event.key === "0") view.refit();
     else return false;
     this.wishes.redraw();
     return true;

@@ -183,7 +183,7 @@ function showCover(): void {
     element("cover-text").textContent = "Nothing to show";
     element("cover-detail").textContent = session.trouble;
   } else {
-    element("cover-detail").textContent = session.hello ? "Reading …" : "The page goes on by itself as soon as it hears of one.";
+    element("cover-detail").textContent = session.hello?.source === "record" ? "Reading the record …" : "The page goes on by itself as soon as it hears of one.";
   }
 }
 
@@ -232,6 +232,12 @@ function followAddress(): void {
   changed();
 }
 
+function fitAll(): void {
+  if (element("scene3d").hidden) map.view.refit();
+  else view3d?.goHome();
+  redraw();
+}
+
 function selectNext(by: 1 | -1): void {
   const m = session.world?.m ?? 0;
   if (m) choose(selection.agent < 0 ? (by > 0 ? 0 : m - 1) : (selection.agent + by + m) % m);
@@ -246,6 +252,7 @@ function killOrRevive(): void {
 
 const KEYS: Record<string, () => void> = {
   "?": () => showHelp(session),
+  "0": fitAll,
   d: toggleTheme,
   v: toggleFields,
   "3": () => void toggle3d(),
@@ -282,7 +289,7 @@ document.addEventListener("keydown", (event) => {
   if (typing && (arrows || event.key === " ")) return;
   if (target instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter")) return;
   if (arrows && event.key.startsWith("Arrow") && target !== frame && target !== document.body) return;
-  if (interaction.key(event)) event.preventDefault();
+  if (element("scene3d").hidden && interaction.key(event)) event.preventDefault();
   else if (Object.hasOwn(KEYS, event.key)) {
     event.preventDefault();
     KEYS[event.key]();
@@ -291,7 +298,7 @@ document.addEventListener("keydown", (event) => {
 
 element("view3d").addEventListener("click", () => void toggle3d());
 element("fields").addEventListener("click", toggleFields);
-element("fit").addEventListener("click", () => (map.view.refit(), redraw()));
+element("fit").addEventListener("click", fitAll);
 element("theme").addEventListener("click", toggleTheme);
 element("help-button").addEventListener("click", () => showHelp(session));
 element("only-trades").addEventListener("change", changed);

@@ -171,7 +171,7 @@ export class Timeline {
     const changes = history.changes;
     const x = (time: number, index: number): number => (this.byEvents ? index + 1 : time);
     if (this.byEvents) {
-      this.steps = Math.max(this.steps, times.length, changes.length);
+      this.steps = Math.max(this.steps, times.length - 1, changes.length);
       times.forEach((_, i) => this.score.add(this.steps - times.length + i + 1, scores[i]));
     } else {
       times.forEach((time, i) => this.score.add(time, scores[i]));
