@@ -94,12 +94,12 @@ def live(
     from covey.runtime.steering import Steering
 
     steering = Steering(speed=usual if speed is None else speed)
-    with playground(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(mission)) as server:
+    with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(mission)) as server:
         yield Live(server.watch, steering)
 
 
 @contextmanager
-def playground(
+def serve_page(
     *,
     host: str,
     port: int,

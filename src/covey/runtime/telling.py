@@ -48,12 +48,29 @@ MOTION_EVERY = 0.05
 HEALTH_EVERY = 1.0
 """Seconds between two `Health`s of a flight in which nobody's activity changes."""
 
-_KINDS = {
+KINDS = {
     "optimization": ChangeKind.OPTIMIZATION,
     "trade": ChangeKind.TRADE,
     "proof": ChangeKind.PROOF,
     "abandoned": ChangeKind.ABANDONED,
     "lost": ChangeKind.DEATH,
+    "adoption": ChangeKind.ADOPTION,
+    "death": ChangeKind.DEATH,
+    "return": ChangeKind.RETURN,
+    "agreed": ChangeKind.ADOPTION,
+}
+"""Events of the history as watchers know them."""
+
+_TEXTS = {
+    "optimization": "{who} found a better pose",
+    "trade": "{who} trade: {moved} and their poses",
+    "proof": "the proof found {who} a better pose",
+    "abandoned": "{who} cannot reach its waypoint and holds another pose",
+    "lost": "{who} does not fly any more",
+    "adoption": "{who} adopts {moved}",
+    "death": "{who} is dead",
+    "return": "{who} is back",
+    "agreed": "all agree on {moved} that several had adopted",
 }
 
 
@@ -176,12 +193,16 @@ class TeamTeller(Teller):
 
     def changed(self, event: str, agents: tuple[int, ...]) -> None:
         """Tell that the committed state changed."""
-        now, kind = self._clock(), _KINDS[event]
+        now, kind = self._clock(), KINDS[event]
         if kind is ChangeKind.DEATH:
             self._dead.update(agents)
             self._activity[list(agents)] = Activity.DEAD
-        moved = int((self._team.owner != self.view.owner).sum()) if kind is ChangeKind.TRADE else 0
-        text = _text(kind, [self._names[agent] for agent in agents], moved, self._team.score)
+            for agent in agents:
+                self._close(agent)
+        elif kind is ChangeKind.RETURN:
+            self._dead.difference_update(agents)
+        moved = int((self._team.owner != self.view.owner).sum())
+        text = change_text(event, [self._names[agent] for agent in agents], moved, self._team.score)
         self.change(now, kind, agents, self._team.owner, self._poses(), self._team.scores, text)
         if kind is ChangeKind.TRADE:
             self._close(agents[1])
@@ -286,8 +307,8 @@ class TeamTeller(Teller):
         self._acts = 0
         self._healthy_at = now = self._clock()
         unknown = np.full(len(self._names), np.nan)
-        # the in-process bus loses nothing
-        self.tell(Health(now, self._activity.copy(), unknown, np.ones(len(self._names)), self._heard.copy()))
+        link = np.full(len(self._names), 1.0 - self._team.bus.loss)
+        self.tell(Health(now, self._activity.copy(), unknown, link, self._heard.copy()))
 
     def _poses(self) -> NDArray[np.float64]:
         return pose_rows(self._team.poses, self._altitudes)
@@ -377,13 +398,7 @@ def pose_rows(poses: Sequence[Pose2], altitudes: Sequence[float] | NDArray[np.fl
     return rows
 
 
-def _text(kind: ChangeKind, names: Sequence[str], moved: int, score: float) -> str:
-    who = " and ".join(names)
-    what = {
-        ChangeKind.OPTIMIZATION: f"{who} found a better pose",
-        ChangeKind.TRADE: f"{who} trade: {moved} landmark{'s' * (moved != 1)} and their poses",
-        ChangeKind.PROOF: f"the proof found {who} a better pose",
-        ChangeKind.ABANDONED: f"{who} cannot reach its waypoint and holds another pose",
-        ChangeKind.DEATH: f"{who} does not fly any more",
-    }[kind]
-    return f"{what}; score {score:.2f}"
+def change_text(event: str, names: Sequence[str], moved: int, score: float) -> str:
+    """Return what happened, for people: an event of the history, whom it concerns, how many landmarks changed hands."""
+    landmarks = f"{moved} landmark{'s' * (moved != 1)}"
+    return f"{_TEXTS[event].format(who=' and '.join(names), moved=landmarks)}; score {score:.2f}"
