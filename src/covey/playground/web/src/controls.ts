@@ -11,7 +11,7 @@ const STEP = "M4.5 4v12l8-6zM15.5 4v12";
 const WEIGHT = "M10 3v14M6 6.5 10 3l4 3.5M6 13.5 10 17l4-3.5";
 const OBSTACLE = "M4 16V7l6-3 6 3v9zM4 16 16 8.5M8 16.5 16 12";
 
-const SPEEDS = { plan: [0, 1, 2, 5, 10, 30], flight: [0, 0.5, 1, 2, 5, 10], network: [1] };
+const SPEEDS = { plan: [0, 1, 2, 5, 10, 30], flight: [0, 0.5, 1, 2, 5, 10], network: [0, 0.5, 1, 2, 5, 10] };
 
 function speedName(run: Run, speed: number): string {
   if (speed === 0) return "full speed";

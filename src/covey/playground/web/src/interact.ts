@@ -40,7 +40,9 @@ export class Interaction {
     frame.addEventListener("pointermove", (event) => this.move(event));
     frame.addEventListener("pointerup", (event) => this.up(event));
     frame.addEventListener("pointercancel", (event) => this.up(event));
-    frame.addEventListener("pointerleave", () => this.leave());
+    frame.addEventListener("pointerleave", (event) => {
+      if (event.pointerType !== "touch") this.leave(); // a finger leaves whenever it is lifted
+    });
     frame.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     frame.addEventListener("dblclick", (event) => this.zoom(event.offsetX, event.offsetY, 2));
   }
@@ -62,6 +64,7 @@ export class Interaction {
     this.frame.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, place);
     this.travelled = 0;
+    if (event.pointerType === "touch") this.leave();
     const { world, state } = this.session;
     if (this.tool === "weight" && world && state && this.pointers.size === 1) {
       const landmark = this.map.landmarkAt(world, place.x, place.y);

@@ -1,0 +1,99 @@
+"""Chromium, and servers for it to visit."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Route, sync_playwright
+from tests.browsing import Feed, Serve, Shown
+
+from covey.mission import load_mission
+from covey.playground.offline import feed_bytes
+from covey.playground.sample import sample_feed
+from covey.playground.server import PlaygroundServer
+from covey.runtime.feed import Scene, Update
+from covey.runtime.plan import plan
+
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""As root in a container, and 3-D without a graphics card."""
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no Chromium to test the page in; on Debian: apt-get install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def show(chromium: Browser) -> Iterator[Callable[..., Shown]]:
+    """Opens pages: ``show(url, width=, height=, **options of the context)``; they may neither complain nor call anybody else."""
+    with contextlib.ExitStack() as stack:
+        opened: list[Shown] = []
+
+        def open_page(url: str | None, *, width: int = 1280, height: int = 800, **options: Any) -> Shown:
+            context = chromium.new_context(viewport={"width": width, "height": height}, **options)
+            stack.callback(context.close)
+            shown = Shown(context.new_page())
+            opened.append(shown)
+            own = "file://" if url is None or url.startswith("file:") else url.partition("#")[0]
+
+            def guard(route: Route) -> None:
+                if route.request.url.startswith((own, "data:", "blob:")):
+                    route.continue_()
+                else:
+                    shown.troubles.append(f"asked for {route.request.url}")
+                    route.abort()
+
+            context.route("**/*", guard)
+            page = shown.page
+            page.on("pageerror", lambda error: shown.troubles.append(f"error: {error}"))
+            page.on("console", lambda message: message.type in ("error", "warning") and shown.troubles.append(message.text))
+            page.on("websocket", lambda socket: own in socket.url.replace("ws:", "http:") or shown.troubles.append(socket.url))
+            if url is not None:
+                shown.open(url)
+            return shown
+
+        yield open_page
+        for shown in opened:
+            assert shown.troubles == []
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Starts servers, and closes them."""
+    with contextlib.ExitStack() as stack:
+        yield lambda **options: stack.enter_context(PlaygroundServer(**options))
+
+
+@pytest.fixture(scope="session")
+def planned(root: Path) -> Feed:
+    """What planning the thesis's mission told."""
+    feed: list[Scene | Update] = []
+    plan(load_mission(root / "examples" / "thesis-5.1.yaml"), watch=feed.append)
+    return feed
+
+
+@pytest.fixture(scope="session")
+def plan_record(planned: Feed) -> bytes:
+    return feed_bytes(planned)
+
+
+@pytest.fixture(scope="session")
+def flown() -> Feed:
+    """A made-up flight of ten seconds: 4 vehicles, an obstacle, trades, a death."""
+    return tuple(sample_feed(agents=4, landmarks=150, seconds=10.0, rate=10.0))
+
+
+@pytest.fixture(scope="session")
+def flight_record(flown: Feed) -> bytes:
+    return feed_bytes(flown)
