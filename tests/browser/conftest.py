@@ -19,8 +19,8 @@ from covey.playground.server import PlaygroundServer
 from covey.runtime.feed import Scene, Update
 from covey.runtime.plan import plan
 
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-"""As root in a container, and 3-D without a graphics card."""
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
+"""As root in a container, without a graphics card, with WebGL in software."""
 
 
 @pytest.fixture(scope="session")

@@ -213,6 +213,5 @@ def test_flights_show_their_vehicles_and_paths(show: Show, serve: Serve, flown: 
     np.testing.assert_allclose(np.reshape(state["flown"], (-1, 7)), view.motion.poses)
     assert state["pathPoints"] > 50
     assert state["activity"] == view.activity.tolist()
-    row = shown.text("tr[data-agent='3']")
-    assert "dead" in row
+    shown.page.locator("tr[data-agent='3']", has_text="dead").wait_for()
     assert shown.text("#agents thead").split() == ["#", "name", "state", "cells", "score", "m/s", "battery", "link", "heard"]

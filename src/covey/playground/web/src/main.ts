@@ -169,10 +169,20 @@ async function toggle3d(): Promise<void> {
   changed();
 }
 
-function toggleFields(): void {
-  selection.fields = !selection.fields;
+/** Of many agents at once they would hide the map. */
+const FIELDS_UP_TO = 16;
+let fieldsChosen = false;
+
+function showFields(shown: boolean): void {
+  if (shown === selection.fields) return;
+  selection.fields = shown;
   element("fields").setAttribute("aria-pressed", String(selection.fields));
   redraw();
+}
+
+function toggleFields(): void {
+  fieldsChosen = true;
+  showFields(!selection.fields);
 }
 
 function showCover(): void {
@@ -213,6 +223,7 @@ function drawFrame(now: number): void {
   if (panelsStale && !projector.active && now - panelsAt >= PANELS_EVERY) {
     panelsAt = now;
     panelsStale = false;
+    if (!fieldsChosen && session.world) showFields(session.world.m <= FIELDS_UP_TO);
     showCover();
     panels.update(session, selection.agent);
     controls.update();
