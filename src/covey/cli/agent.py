@@ -113,5 +113,5 @@ def agent(
         raise typer.Exit(INTERRUPTED)
     if report.ending is Ending.SUPERSEDED:
         raise typer.Exit(SUPERSEDED)
-    if not report.over:
+    if not report.over and report.ending is not Ending.RELEASED:
         raise typer.Exit(UNSETTLED)

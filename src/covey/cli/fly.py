@@ -50,8 +50,8 @@ def fly(
 ) -> None:
     """Fly a mission in simulation: take off, trade and fly until nobody gains, land.
 
-    The result directory gets what `covey plan` writes, and the flight: its log (flight.npz), figures (flight.png,
-    flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
+    The result directory gets what `covey plan` writes, record.mcap with the flight, its log (flight.npz), figures
+    (flight.png, flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
 
     With --view a page in the browser shows it live, in real time, and lets you pause, put obstacles in the way and let
     vehicles fail; it stays until Ctrl-C, or not at all where no terminal is.
@@ -93,6 +93,7 @@ def fly(
     loaded = load_mission(mission, seed=seed)
 
     from covey.cli.progress import ProgressLine
+    from covey.cli.recording import Recording
     from covey.runtime.fly import fly as fly_mission
     from covey.runtime.record import check_result_target, default_directory, result_text
     from covey.runtime.sortie_record import write_flight
@@ -101,7 +102,11 @@ def fly(
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
     with live(view, mission=loaded, host=host, port=port, open_page=open_page, speed=speed, usual=1.0) as shown:
-        with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+        with (
+            Interruption() as interruption,
+            Recording(target, quiet=quiet) as recording,
+            ProgressLine(quiet=quiet) as progress,
+        ):
 
             def report(news: Progress) -> None:
                 interruption.check()
@@ -112,13 +117,14 @@ def fly(
                 vehicles=vehicles,
                 realtime=realtime and not view,
                 on_progress=report,
-                watch=shown.watch,
+                watch=shown.watch_with(recording.recorder),
                 steering=shown.steering,
             )
             try:
                 write_flight(flight, target, overwrite=force, film=film, on_progress=progress)
+                recording.keep()
             except OutputError as error:  # what was found must not be lost with it
-                failure = error
+                failure = recording.lost(error)
         deployment = flight.deployment
         if json:
             typer.echo(result_text(deployment, target), nl=False)

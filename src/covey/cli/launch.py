@@ -13,7 +13,7 @@ from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.mission import Mission
-    from covey.runtime.launch import Kill, LaunchReport
+    from covey.runtime.launch import Blow, LaunchReport
     from covey.runtime.result import Deployment
 
 VIOLATED = 1
@@ -100,7 +100,7 @@ def launch(
         raise InputError("--observe: expected neither --kill nor --restart with it; an observer changes nothing")
     if observe:
         plan = plan.joined(connect=tuple(connect or ()))
-    kills = tuple(_kill(text, loaded) for text in kill or ())
+    blows = tuple(_kill(text, loaded) for text in kill or ())
     target = default_directory(f"{loaded.name}-launched", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
@@ -120,7 +120,7 @@ def launch(
                 state=state,
                 vehicles=vehicles,
                 restart=restart,
-                kills=kills,
+                blows=blows,
                 timeout=limit,
             )
             deployment, outcome = launching.launch(loaded, mission, options, on_progress=report)
@@ -147,9 +147,9 @@ def launch(
     _leave(deployment, target, interrupted=interruption.noted)
 
 
-def _kill(text: str, mission: Mission) -> Kill:
+def _kill(text: str, mission: Mission) -> Blow:
     from covey.errors import InputError
-    from covey.runtime.launch import Kill
+    from covey.runtime.launch import Blow
 
     name, _, when = text.rpartition("@")
     names = [agent.name for agent in mission.agents]
@@ -159,7 +159,7 @@ def _kill(text: str, mission: Mission) -> Kill:
         after = math.nan
     if name not in names or not 0.0 <= after < math.inf:
         raise InputError(f"--kill: expected NAME@SECONDS with an agent of {', '.join(names)}, got {text!r}")
-    return Kill(names.index(name), after)
+    return Blow(names.index(name), after)
 
 
 def _tell(outcome: LaunchReport, *, quiet: bool) -> None:

@@ -19,6 +19,7 @@ from covey.cli.interrupt import leave_at_once
 from covey.cli.launch import launch
 from covey.cli.plan import plan
 from covey.cli.playground import playground
+from covey.cli.replay import replay
 from covey.cli.reproduce import reproduce
 from covey.cli.schema import schema
 from covey.cli.validate import validate
@@ -34,7 +35,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, playground, launch, agent, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (plan, fly, playground, replay, launch, agent, certify, validate, schema, reproduce, heatmap, chaos):
     app.command()(command)
 
 

@@ -59,8 +59,9 @@ def plan(
 ) -> None:
     """Plan a mission: who goes where and watches what, proved.
 
-    The result directory gets result.json, agents.csv, deployment.png, deployment.pdf and, for missions on the map,
-    deployment.geojson. Ctrl-C ends the planning early and keeps what is known by then.
+    The result directory gets result.json, agents.csv, deployment.png, deployment.pdf, the record of the run
+    (record.mcap: see `covey info`) and, for missions on the map, deployment.geojson. Ctrl-C ends the planning early
+    and keeps what is known by then.
 
     With --view a page in the browser shows it live, 10 changes a second, and lets you pause and step; it stays until
     Ctrl-C, or not at all where no terminal is.
@@ -83,6 +84,7 @@ def plan(
 
     loaded = load_mission(mission, seed=seed)
 
+    from covey.cli.recording import Recording
     from covey.runtime.record import check_result_target, default_directory, write_result
 
     target = default_directory(loaded.name, loaded.seed) if out is None else out
@@ -91,7 +93,7 @@ def plan(
     with live(
         view, mission=loaded, host=host, port=port, open_page=open_page, speed=speed, usual=CHANGES_A_SECOND
     ) as shown:
-        with Interruption() as interruption:
+        with Interruption() as interruption, Recording(target, quiet=quiet) as recording:
             # Half a second of imports that only the figures need, while the planner's compiled code runs.
             threading.Thread(target=_import_figures).start()
             deployment = _plan(
@@ -102,13 +104,14 @@ def plan(
                 optimizer=None if optimizer is None else OptimizerName(optimizer),
                 bound=bound,
                 baseline=baseline,
-                watch=shown.watch,
+                watch=shown.watch_with(recording.recorder),
                 steering=shown.steering,
             )
             try:
                 write_result(deployment, target, overwrite=force)
+                recording.keep()
             except OutputError as error:  # what was found must not be lost with it
-                failure = error
+                failure = recording.lost(error)
         _show(deployment, target, json=json, quiet=quiet, written=failure is None)
         if failure is None and not interruption.noted:
             shown.stay()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,9 +17,6 @@ if TYPE_CHECKING:
     from covey.runtime.feed import Watcher
     from covey.runtime.result import Progress
     from covey.runtime.steering import Steering
-
-CALM = 4.0
-"""Without a terminal it ends when the mission has been over for so long, seconds."""
 
 LISTEN = 0.05
 """How long to listen to the network at a time, seconds."""
@@ -48,7 +44,7 @@ def playground(
 
     The team lives in this process, where a message takes a twentieth of a second, so that all can be seen. With
     --connect or --network nothing is started: the page shows the team that others have started, and cannot steer it.
-    Nothing is written. It goes on until Ctrl-C, and where no terminal is until the mission is over.
+    Nothing is written. It goes on until Ctrl-C.
 
     Exit code: 0, or 2 for bad input or no network.
 
@@ -70,8 +66,7 @@ def playground(
         serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(loaded)) as server,
         Interruption() as interruption,
     ):
-        if sys.stdin.isatty():
-            typer.echo("covey: it goes on until you press Ctrl-C", err=True)
+        typer.echo("covey: it goes on until you press Ctrl-C", err=True)
         if steering is None:
             _observe(loaded, connect or [], network, server.watch, interruption)
         else:
@@ -81,19 +76,10 @@ def playground(
 def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: Interruption) -> None:
     from covey.runtime.live_team import LiveTeam
 
-    team = LiveTeam(mission, watch=watch, steering=steering)
-    busy_at = 0.0
-
-    def finished() -> bool:
-        nonlocal busy_at
-        if sys.stdin.isatty() or not team.over:
-            busy_at = team.bus.now
-        return team.bus.now > busy_at + CALM
-
     def report(news: Progress) -> None:
         interruption.check()
 
-    team.play(until=finished, on_progress=report)
+    LiveTeam(mission, watch=watch, steering=steering).play(until=lambda: interruption.noted, on_progress=report)
 
 
 def _observe(
@@ -111,7 +97,7 @@ def _observe(
         observer = Observer(mission, access, times=joined.times)
         teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
         settled = False
-        while not interruption.noted and not (observer.over and not sys.stdin.isatty()):
+        while not interruption.noted:
             observer.step(LISTEN)
             if observer.over and not settled:
                 observer.settle()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from covey.mission import Mission
     from covey.playground.server import PlaygroundServer, SeenBy
-    from covey.runtime.feed import Watcher
+    from covey.runtime.feed import Scene, Update, Watcher
     from covey.runtime.steering import Steering
 
 View: TypeAlias = Annotated[
@@ -56,6 +56,18 @@ class Live:
 
     watch: Watcher | None = None
     steering: Steering | None = None
+
+    def watch_with(self, recorder: Watcher) -> Watcher:
+        """Return a watcher that tells the recorder first, and then the page."""
+        watch = self.watch
+        if watch is None:
+            return recorder
+
+        def both(item: Scene | Update) -> None:
+            recorder(item)
+            watch(item)
+
+        return both
 
     def stay(self) -> None:
         """Keep the page up until Ctrl-C, where somebody is there to press it."""

@@ -183,8 +183,13 @@ class PlaygroundServer:
         await asyncio.sleep(0)
 
     async def _tick(self) -> None:
+        commands = self.controls.commands
         while True:
             await asyncio.sleep(1.0 / FRAMES)
+            if commands != self.controls.commands:  # the run has come so far as to say
+                commands = self.controls.commands
+                for visitor in self.visitors:
+                    visitor.answer(self._hello(visitor))
             self._broadcast.pass_on(self.controls.steered)
 
     async def _feed(self, socket: WebSocket) -> None:
@@ -208,8 +213,7 @@ class PlaygroundServer:
             await self._converse(socket, Visitor(may_steer=bool(greeting.token)))
 
     async def _converse(self, socket: WebSocket, visitor: Visitor) -> None:
-        source = "live" if self._record is None else "record"
-        visitor.answer(encode(Hello(source, visitor.may_steer, self.controls.commands, self._speed)))
+        visitor.answer(self._hello(visitor))
         self._broadcast.visitors.add(visitor)
         sending = asyncio.create_task(_send(socket, visitor))
         broke_the_rules = False
@@ -228,6 +232,10 @@ class PlaygroundServer:
                 await sending
         if broke_the_rules:
             await socket.close(TURNED_AWAY)
+
+    def _hello(self, visitor: Visitor) -> str:
+        source = "live" if self._record is None else "record"
+        return encode(Hello(source, visitor.may_steer, self.controls.commands, self._speed))
 
     def _answer(self, visitor: Visitor, refused: Refused) -> None:
         with suppress(RuntimeError):  # the run refuses after the server was closed

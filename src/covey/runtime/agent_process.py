@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import json
+import math
 import os
 import signal
 import sys
@@ -16,15 +17,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from covey.geometry import Pose2
 from covey.mission import Mission
 from covey.protocol import Event, Sender, TradeCommitted
 from covey.runtime.agent_state import AgentDirectory, await_life, first_life
 from covey.runtime.network_file import NetworkPlan
-from covey.runtime.remote_agent import LINGER, RemoteAgent, build_planner, join_mission, mission_codec, warm_up
-from covey.runtime.remote_vehicle import AtOnce, SimulatedVehicle, Vehicle
+from covey.runtime.remote_agent import (
+    LINGER,
+    RemoteAgent,
+    build_planner,
+    build_vehicle,
+    join_mission,
+    mission_codec,
+    warm_up,
+)
 from covey.transports.zenoh import ZenohTransport
-from covey.vehicles.fleet import Kind
 
 KEEP_EVERY = 1.0
 """Seconds between two times that an agent writes down what it knows, while that changes."""
@@ -68,7 +74,7 @@ class AgentSettings:
     state: Path | None = None
     vehicles: str = "none"
     patience: float = 60.0
-    timeout: float = float("inf")
+    timeout: float = math.inf
     attached: bool = False
 
 
@@ -210,9 +216,9 @@ class _Life:
         life = first_life() if directory is None else directory.next_life()
         remembered = None if directory is None else directory.recall()
         start = mission.agents[number].pose if remembered is None else remembered.pose
-        warm_up(mission, number)
+        warm_up(mission, number, settings.vehicles)
         planner = build_planner(mission)
-        vehicle = self._vehicle(start)
+        vehicle = build_vehicle(mission, number, settings.vehicles, start, time.monotonic())
         self._took("warm_up")
         await_life(life)
         with ExitStack() as stack:
@@ -235,7 +241,7 @@ class _Life:
             stack.callback(self._keep, agent, directory, at_once=True)
             over = agent.run(
                 timeout=settings.timeout,
-                linger=float("inf") if settings.attached else LINGER,
+                linger=math.inf if settings.attached else LINGER,
                 stop=self._wish,
                 on_step=lambda: self._keep(agent, directory),
             )
@@ -257,19 +263,17 @@ class _Life:
                 start_s=self._start_s,
             )
 
-    def _vehicle(self, start: Pose2) -> Vehicle:
-        if self._settings.vehicles == "none":
-            return AtOnce(start)
-        kind = Kind(self._settings.vehicles)
-        return SimulatedVehicle(self._mission, self._settings.number, kind, start, time.monotonic())
-
     def _assemble(self, agent: RemoteAgent, transport: ZenohTransport, *, patient: bool) -> None:
         names = [specification.name for specification in self._mission.agents]
         others = len(names) - 1
-        patience = self._settings.patience if patient else 0.0
-        if patience and others:
+        if not patient:
+            agent.assemble(math.inf, self._settings.network.times.dead_after, self._wish)
+            self._tell("begins again where it was")
+            return
+        patience = self._settings.patience
+        if others:
             self._tell(f"waits for {others} others")
-        if not agent.assemble(others, patience, self._wish) and patience and not self._wish():
+        if not agent.assemble(others, patience, self._wish) and not self._wish():
             here = {peer.agent for peer in transport.peers} | {self._settings.number}
             absent = ", ".join(name for number, name in enumerate(names) if number not in here)
             self._warn(f"begins without {absent}, not heard of in {patience:g} s")
@@ -279,7 +283,7 @@ class _Life:
                     f"hears agents of {missions} other mission{'s' * (missions != 1)}: "
                     "compare the mission files and seeds"
                 )
-        self._tell("begins" if patient else "begins again where it was")
+        self._tell("begins")
 
     def _on_event(self, transport: ZenohTransport, event: Event) -> None:
         self._trades += isinstance(event, TradeCommitted)

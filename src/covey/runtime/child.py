@@ -65,6 +65,7 @@ class Child:
     def __init__(self, name: str, arguments: Sequence[str]) -> None:
         self.name = name
         self.killed = False
+        """Whether its parent sent it SIGKILL."""
         self._lines: deque[str] = deque(maxlen=LINES)
         self._report = b""
         # A group of its own: Ctrl-C on a terminal reaches the parent alone, which passes it on once.
@@ -110,13 +111,9 @@ class Child:
     def send(self, number: int) -> None:
         """Send it a signal, if it still runs."""
         if self.code is None:
+            self.killed |= number == signal.SIGKILL
             with contextlib.suppress(ProcessLookupError):
                 self._process.send_signal(number)
-
-    def kill(self) -> None:
-        """End it at once, as a crash would."""
-        self.killed = True
-        self._process.kill()
 
     def release(self) -> None:
         """Close its standard input: it may leave."""

@@ -40,11 +40,21 @@ HOPELESS = 5
 
 
 @dataclass(frozen=True)
-class Kill:
-    """An agent's process is killed, so many seconds after every agent was there."""
+class Blow:
+    """A signal that an agent's process gets.
+
+    Parameters
+    ----------
+    agent : int
+    after : float
+        Seconds after every agent was there.
+    number : int
+        Which signal; by default it is killed.
+    """
 
     agent: int
     after: float
+    number: int = signal.SIGKILL
 
 
 @dataclass(frozen=True)
@@ -63,7 +73,7 @@ class LaunchOptions:
         As for `covey agent`.
     restart : bool
         Whether a process that died is started again.
-    kills : tuple of Kill
+    blows : tuple of Blow
     patience : float
         How long agents wait for each other at the start, seconds.
     timeout : float
@@ -75,7 +85,7 @@ class LaunchOptions:
     state: Path | None = None
     vehicles: str = "none"
     restart: bool = False
-    kills: tuple[Kill, ...] = ()
+    blows: tuple[Blow, ...] = ()
     patience: float = 60.0
     timeout: float = float("inf")
 
@@ -213,7 +223,7 @@ class _Launch:
         self._reports: list[dict[str, Any]] = []
         self._began = time.monotonic()
         self._all_there: float | None = None
-        self._kills = sorted(options.kills, key=lambda kill: kill.after)
+        self._blows = sorted(options.blows, key=lambda blow: blow.after)
 
     @property
     def _time(self) -> float:
@@ -223,7 +233,7 @@ class _Launch:
         with ExitStack() as stack:
             if self._path is not None:
                 self._on_progress(Progress("warming up", float("nan")))
-                warm_up(self.mission, 0)  # once, and not by all agents at the same time
+                warm_up(self.mission, 0, self._options.vehicles)  # once, and not by all agents at the same time
                 self._began = time.monotonic()
             endpoints = self._endpoints()
             state = self._options.state
@@ -313,21 +323,21 @@ class _Launch:
             view = observer.view
             stage = "starting" if self._all_there is None else "trading"
             self._on_progress(Progress(stage, view.score, view.trades))
-            if observer.over and not self._kills and not self._restarts and self._is_complete(observer):
+            if not self._blows and not self._restarts and self._is_complete(observer) and observer.over:
                 return observer.settle()
         return False
 
     def _is_complete(self, observer: Observer) -> bool:
-        """Whether every process that runs takes part: one that has just been started is not forgotten."""
-        return all(agent in observer.living for agent in self._children)
+        """Whether those that are heard are those that run: nobody has just been started, and nobody just died."""
+        return self._path is None or observer.living.keys() == self._children.keys()
 
     def _look_after(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
-        """Kill who is to be killed, see who has died, and start again who is to be started again."""
+        """Send the signals that are due, see who has died, and start again who is to be started again."""
         now = self._time
-        while self._kills and self._all_there is not None and now >= self._all_there + self._kills[0].after:
-            victim = self._children.get(self._kills.pop(0).agent)
-            if victim is not None:
-                victim.kill()
+        while self._blows and self._all_there is not None and now >= self._all_there + self._blows[0].after:
+            blow = self._blows.pop(0)
+            if blow.agent in self._children:
+                self._children[blow.agent].send(blow.number)
         for agent in list(self._children):
             if self._children[agent].code is not None:
                 self._bury(agent, observer)

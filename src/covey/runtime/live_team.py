@@ -71,7 +71,7 @@ class LiveTeam(Team):
         self._steering = steering
         steering.measure(lambda: self.bus.now, 0.1)
         steering.offer(Kill, Revive, SetLoss)
-        scene = describe(mission, models, run=Run.PLAN, software=software_versions())
+        scene = describe(mission, models, run=Run.NETWORK, software=software_versions())
         self._teller = TeamTeller(watch, self, scene)
 
     @property

@@ -160,10 +160,12 @@ class Observer:
         self._access.wait(timeout)
         news = [Heard(self.time, content) for content in self._access.receive()]
         for item in news:
+            if isinstance(item.content, Heartbeat):
+                self._hear(item.content, item.time)
+        self.view.set_living(self.living)
+        for item in news:
             self._take(item)
-        living = self.living
-        digest = self._agreed(living)
-        self.view.set_living(living)
+        digest = self._agreed(self.living)
         hurry = digest is not None and digest not in self._maps
         if self._beats and self.time >= self._asked_at + (ASK_AT_LAST if hurry else ASK_EVERY):
             self._asked_at = self.time
@@ -189,20 +191,21 @@ class Observer:
         self.view.settle(owner, poses)
         return True
 
+    def _hear(self, heartbeat: Heartbeat, now: float) -> None:
+        agent = heartbeat.sender.agent
+        self._beats[agent] = heartbeat
+        self._heard[agent] = now
+        self._lives[heartbeat.sender] = now
+
     def _take(self, item: Heard) -> None:
         content = item.content
-        if isinstance(content, Heartbeat):
-            agent = content.sender.agent
-            self._beats[agent] = content
-            self._heard[agent] = item.time
-            self._lives[content.sender] = item.time
-        elif isinstance(content, Map):
+        if isinstance(content, Map):
             self._learn(content.records, item.time)
             records, poses = LandmarkRecords.unknown(len(self._records)), PoseRecords(content.poses)
             records.merge(content.records)
             self._maps = {d: m for d, m in self._maps.items() if any(beat.digest == d for beat in self._beats.values())}
             self._maps[map_digest(records, poses)] = content
-        else:
+        elif not isinstance(content, Heartbeat):
             if isinstance(content, LandmarksAdopted):
                 self._learn(content.records, item.time)
             self.view.take(content)

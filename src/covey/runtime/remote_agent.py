@@ -13,6 +13,7 @@ from covey.errors import ArgumentError
 from covey.geometry import Pose2
 from covey.mission import Mission, mission_digest
 from covey.protocol import (
+    Adopt,
     AgentState,
     Event,
     GoTo,
@@ -50,6 +51,9 @@ RESEND_AFTER, GIVE_UP_AFTER = 0.5, 2.0
 LINGER = 1.5
 """How long a mission must have been over before an agent leaves by itself, seconds."""
 
+SLEPT = 0.25
+"""An agent that comes back so much of `dead_after` later than it meant to has slept, or its process was stopped."""
+
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
 
@@ -83,6 +87,9 @@ class RemoteAgent:
     -----
     Each agent judges by itself, from everybody's heartbeats, whether the mission is over: all poses are proved by then,
     each by its own agent.  Who leaves as soon as it knows may leave before the others do: let `run` linger.
+
+    Time through which the process was stopped does not pass for the node: whoever could not listen cannot tell who was
+    silent.
     """
 
     def __init__(
@@ -112,8 +119,11 @@ class RemoteAgent:
         self._prover = prover
         self._on_event = on_event
         self._on_change = on_change
-        self._clock = clock
+        self._wall = clock
+        self._slept = 0.0
         self._early: list[Message] = []
+        self._roll_call_at = math.inf
+        self._spoken: set[int] = set()
         self._lost: frozenset[object] = frozenset()
         self._stuck_at: Pose2 | None = None
 
@@ -127,13 +137,13 @@ class RemoteAgent:
         """Whether a newer life of this agent has begun elsewhere: this one must end."""
         return self._transport.superseded
 
-    def assemble(self, others: int, patience: float, stop: Callable[[], bool] = lambda: False) -> bool:
+    def assemble(self, others: float, patience: float, stop: Callable[[], bool] = lambda: False) -> bool:
         """Wait before the start until all are there, or somebody has begun.
 
         Parameters
         ----------
-        others : int
-            How many others there are.
+        others : float
+            How many others there are; infinitely many to wait for somebody who has begun.
         patience : float
             Seconds to wait at most.
         stop : callable
@@ -147,15 +157,26 @@ class RemoteAgent:
         end = self._clock() + patience
         while True:
             self._early += self._transport.receive()
-            if len(self._transport.peers) >= others or any(isinstance(message, Heartbeat) for message in self._early):
+            if len(self._transport.peers) >= others or self._has_begun:
                 return True
             left = end - self._clock()
             if left <= 0.0 or stop():
                 return False
             self._transport.wait(min(0.1, left))
 
+    @property
+    def _has_begun(self) -> bool:
+        return any(isinstance(message, Heartbeat) for message in self._early)
+
     def start(self) -> None:
-        """Begin the mission; once, before `step`."""
+        """Begin the mission; once, before `step`.
+
+        Who comes into a mission that has begun looks after a heartbeat who is there, and does not wait until those who
+        are not have been silent for long: they have been before.
+        """
+        membership = self.node.options.membership
+        if self._has_begun and membership is not None and membership.adopt is Adopt.ALL:
+            self._roll_call_at = self._clock() + self._beat
         self._carry_out(self.node.start(self._clock(), self._rng))
         early, self._early = self._early, []
         self._take_in(early)
@@ -166,7 +187,9 @@ class RemoteAgent:
         dues = [begun + timeout, self.node.next_deadline(), self.vehicle.due(begun)]
         if self._prover.busy:
             dues.append(begun + PROOF_TICK)
-        self._transport.wait(max(0.0, min(due for due in dues if due is not None) - begun))
+        pause = max(0.0, min(due for due in dues if due is not None) - begun)
+        self._transport.wait(pause)
+        self._note_sleep(begun, pause)
         awake = self._clock()
         self._take_in(self._transport.receive())
         lost: frozenset[object] = self._transport.suspects
@@ -176,13 +199,15 @@ class RemoteAgent:
         deadline = self.node.next_deadline()
         if deadline is not None and deadline <= self._clock():
             self._carry_out(self.node.poll(self._clock(), self._rng))
+        if self._roll_call_at <= self._clock():
+            self._call_the_roll()
         self._fly()
         self._prove()
         if self._transport.map_wanted:
             own = self.node
             self._transport.show_map(Map(own.sender, own.records.known(), own.poses.as_mapping()))
         self._on_change()
-        self.longest_silence = max(self.longest_silence, self._clock() - awake)
+        self.longest_silence = max(self.longest_silence, self._note_sleep(awake, 0.0))
 
     def run(
         self,
@@ -225,9 +250,28 @@ class RemoteAgent:
         """Give up a proof that is going on."""
         self._prover.close()
 
+    def _clock(self) -> float:
+        """Return the node's time, seconds."""
+        return self._wall() - self._slept
+
+    def _note_sleep(self, since: float, expected: float) -> float:
+        """Take out of the node's time what passed since a moment beyond what was expected, if it is much; return it."""
+        extra = self._clock() - since - expected
+        if extra > SLEPT * self._dead_after:
+            self._slept += extra
+        return extra
+
     def _take_in(self, messages: Sequence[Message]) -> None:
         for message in messages:
+            self._spoken.add(message.sender.agent)
             self._carry_out(self.node.receive(self._clock(), message, self._rng))
+
+    def _call_the_roll(self) -> None:
+        """Take those for dead that are neither connected nor heard."""
+        self._roll_call_at = math.inf
+        here = {peer.agent for peer in self._transport.peers} | self._spoken | {self.node.agent}
+        for agent in sorted(set(self.node.poses) - here):
+            self._carry_out(self.node.bury(self._clock(), agent))
 
     def _fly(self) -> None:
         leg = self.vehicle.advance(self._clock())
@@ -388,8 +432,16 @@ def join_mission(
     )
 
 
-def warm_up(mission: Mission, agent: int) -> None:
-    """Load or compile all that planning needs, so that an agent does not fall silent for it in the mission."""
+def warm_up(mission: Mission, agent: int, vehicles: str = "none") -> None:
+    """Load or compile all that planning and flying need, so that an agent does not fall silent for it in the mission.
+
+    Parameters
+    ----------
+    mission : Mission
+    agent : int
+    vehicles : str
+        As for `build_vehicle`.
+    """
     coverage = mission.coverage
     few = np.linspace(0, len(mission.landmarks) - 1, min(len(mission.landmarks), 32)).astype(np.int64)
     landmarks = mission.landmarks.subset(np.unique(few))
@@ -406,3 +458,34 @@ def warm_up(mission: Mission, agent: int) -> None:
     prover.begin(0, pose, own)
     prover.result()
     prover.close()
+    vehicle = build_vehicle(mission, agent, vehicles, pose, 0.0)
+    x, _, y, _ = mission.agents[agent].region.bounds
+    vehicle.go_to(0.0, Pose2(x, y, 0.0))
+    vehicle.advance(1.0)
+
+
+def build_vehicle(mission: Mission, agent: int, vehicles: str, pose: Pose2, now: float) -> Vehicle:
+    """Build the vehicle of an agent.
+
+    Parameters
+    ----------
+    mission : Mission
+    agent : int
+    vehicles : str
+        ``none``, which is at each waypoint at once, or a `covey.vehicles.fleet.Kind`.
+    pose : Pose2
+        Where it begins.
+    now : float
+        Seconds.
+
+    Raises
+    ------
+    InputError
+        If the vehicle's parameters cannot be read.
+    """
+    if vehicles == "none":
+        return AtOnce(pose)
+    from covey.runtime.simulated_vehicle import SimulatedVehicle  # half a second of imports
+    from covey.vehicles.fleet import Kind
+
+    return SimulatedVehicle(mission, agent, Kind(vehicles), pose, now)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -54,12 +54,12 @@ class TeamView:
         self.owner = owner.copy()
         self.trades = 0
         self.optimizations = 0
-        self.dead: set[int] = set()
+        self._buried: set[int] = set()
+        self._returned: set[Sender] = set()
+        self._living: frozenset[int] = frozenset()
         self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-        self._buried: set[int] = set()
-        self._returned: set[Sender] = set()
 
     @property
     def score(self) -> float:
@@ -78,15 +78,16 @@ class TeamView:
                 self._log("abandoned", event.agent)
             case TradeCommitted():
                 self.poses[event.client], self.poses[event.server] = event.client_pose, event.server_pose
+                before = self.owner.copy()
                 self.owner[event.client_landmarks] = event.client
                 self.owner[event.server_landmarks] = event.server
                 self.trades += 1
-                self._log("trade", event.client, event.server)
+                self._log("trade", event.client, event.server, before=before)
             case LandmarksAdopted():
-                losers = np.unique(self.owner[event.records.indices])
+                before = self.owner.copy()
                 self.owner[event.records.indices] = event.agent
-                if (losers != event.agent).any():
-                    self._log("adoption", event.agent, rescore=(*(int(loser) for loser in losers), event.agent))
+                if (self.owner != before).any():
+                    self._log("adoption", event.agent, before=before)
             case AgentBuried() if event.dead not in self._buried:
                 self._buried.add(event.dead)
                 self._log("death", event.dead)
@@ -97,9 +98,14 @@ class TeamView:
             case _:
                 pass
 
-    def set_living(self, living: Mapping[int, int]) -> None:
-        """Say who lives: who has been buried and does not is dead."""
-        self.dead = {agent for agent in self._buried if agent not in living}
+    @property
+    def dead(self) -> frozenset[int]:
+        """Who has been declared dead by others and is not heard."""
+        return frozenset(self._buried - self._living)
+
+    def set_living(self, living: Iterable[int]) -> None:
+        """Say who is heard."""
+        self._living = frozenset(living)
 
     def settle(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
         """Put what the team has agreed on in the place of what events told."""
@@ -149,12 +155,16 @@ class TeamView:
         landmarks = self.mission.landmarks
         return agent_scores(team_visibility(self.models, self.poses, landmarks), self.owner, landmarks.weights)
 
-    def _log(self, event: str, *agents: int, rescore: tuple[int, ...] | None = None) -> None:
+    def _log(self, event: str, *agents: int, before: NDArray[np.int64] | None = None) -> None:
+        """Score anew whom an event concerns, with those that lost landmarks by it, and put it into the history."""
+        concerned = set(agents)
+        if before is not None:  # an event that was overtaken by another may take them from anybody
+            concerned |= {int(agent) for agent in np.unique(before[before != self.owner])}
         weights = self.mission.landmarks.weights
-        for agent in agents if rescore is None else rescore:
+        for agent in concerned:
             own = np.flatnonzero(self.owner == agent)
             pose = self.poses[agent].as_array()[None, :]
-            seen = self.models[agent].visibility(pose, self.mission.landmarks.subset(own))[0] if len(own) else own
+            seen = self.models[agent].visibility(pose, self.mission.landmarks.subset(own))[0]
             self.scores[agent] = float(seen @ weights[own])
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))

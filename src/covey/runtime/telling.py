@@ -40,10 +40,14 @@ from covey.runtime.view import TeamView
 from covey.sensing import VisibilityModel
 
 KEYFRAME_EVERY = 256
-"""After so many updates of the committed state the whole of it is told again."""
+KEYFRAME_SECONDS = 10.0
+"""After so many updates of the committed state, or seconds of a flight, the whole of it is told again."""
 
 MOTION_EVERY = 0.05
 """Seconds between two `Motion`s of a flight."""
+
+LOOK_EVERY = 0.2
+"""Seconds of a flight between two looks at what the agents are doing."""
 
 HEALTH_EVERY = 1.0
 """Seconds between two `Health`s of a flight in which nobody's activity changes."""
@@ -94,6 +98,7 @@ class Teller:
         self.scene = scene
         self.view = TeamView()
         self._since_keyframe = 0
+        self._keyframe_at = -math.inf
 
     def tell(self, item: Scene | Update) -> None:
         """Tell anything."""
@@ -102,7 +107,7 @@ class Teller:
 
     def state(self, state: TeamState) -> None:
         """Tell the whole committed state."""
-        self._since_keyframe = 0
+        self._since_keyframe, self._keyframe_at = 0, state.time
         self.tell(state)
 
     def change(
@@ -179,7 +184,7 @@ class TeamTeller(Teller):
         self._activity = np.full(m, Activity.IDLE, dtype=np.uint8)
         self._heard = np.full(m, np.nan)
         self._acts = 0  # since the last Health
-        self._healthy_at = -math.inf
+        self._healthy_at = self._look_at = -math.inf
         team.onlooker = self
         self.begin(scene)
 
@@ -240,10 +245,14 @@ class TeamTeller(Teller):
         poses = np.concatenate([state[:, P : P + 3], state[:, QUAT : QUAT + 4]], axis=1)
         velocities, rates = state[:, V : V + 3].copy(), state[:, OMEGA : OMEGA + 3].copy()
         self.tell(Motion(now, poses, velocities, rates, objects_W.copy(), score_flown, separation))
-        for agent, node in enumerate(self._team.nodes):
-            self._activity[agent] = self._activity_of(node)
+        if now < self._look_at:
+            return
+        self._look_at = now + LOOK_EVERY - 0.5 * MOTION_EVERY
+        self._look()
         if self._is_health_news() or now - self._healthy_at >= HEALTH_EVERY:
             self._tell_health()
+        if now - self._keyframe_at >= KEYFRAME_SECONDS:
+            self.state(self.view.state(now))
 
     def note(self, time: float, kind: str, agents: Sequence[int], text: str) -> None:
         """Tell of something that changes nothing."""
@@ -269,8 +278,7 @@ class TeamTeller(Teller):
 
     def end(self, status: str, holds: bool | None) -> None:
         """Tell the last state, and that the run is over."""
-        for agent, node in enumerate(self._team.nodes):
-            self._activity[agent] = self._activity_of(node)
+        self._look()
         if self._is_health_news():
             self._tell_health()
         self.state(self._state())
@@ -287,6 +295,10 @@ class TeamTeller(Teller):
         now = self._clock()
         self.tell(Trading(now, offer.trade.client, server, give, want, stands))
         self.count(now)
+
+    def _look(self) -> None:
+        for agent, node in enumerate(self._team.nodes):
+            self._activity[agent] = self._activity_of(node)
 
     def _activity_of(self, node: Node) -> Activity:
         if node.agent in self._dead:

@@ -260,6 +260,20 @@ def test_who_has_the_token_may_steer_and_refusals_are_private(serve: Serve) -> N
     assert SetLoss not in {type(request.command) for request in steering.take()}
 
 
+def test_a_run_may_say_later_what_it_carries_out(serve: Serve) -> None:
+    steering = Steering()
+    server = serve(steering=steering)
+
+    async def watch() -> list[list[str]]:
+        async with visit(server) as socket:
+            first = await listen(socket, "Hello")
+            steering.offer(Kill)
+            return [first[0]["commands"], (await listen(socket, "Hello"))[0]["commands"]]
+
+    first, second = asyncio.run(watch())
+    assert set(second) - set(first) == {"kill"}
+
+
 def test_heat_maps_are_computed_once_for_a_pose(serve: Serve) -> None:
     calls = []
 
