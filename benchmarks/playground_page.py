@@ -142,7 +142,9 @@ def _hour(browser: Browser, *, minutes: int) -> dict[str, Any]:
             if marks and moment >= marks[0] - 1:
                 marks.pop(0)
                 heaps.append(_heap(page))
-        sizes = page.evaluate("() => { const s = window.covey.state(); return [s.pathPoints, s.scorePoints, s.entries]; }")
+        sizes = page.evaluate(
+            "() => { const s = window.covey.state(); return [s.pathPoints, s.scorePoints, s.entries]; }"
+        )
         page.close()
     return {"minutes": minutes, "heap_mb_after_each_third": heaps, "points_of_paths_curve_log": sizes}
 

@@ -61,9 +61,8 @@ class Shown:
     page: Page
     troubles: list[str] = field(default_factory=list)
 
-    def open(self, url: str) -> Shown:
-        """Go to an address and wait until there is something to see."""
-        self.page.goto(url)
+    def ready(self) -> Shown:
+        """Wait until there is something to see."""
         self.page.locator("#cover").wait_for(state="hidden")
         return self.settle()
 

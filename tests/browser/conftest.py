@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Route, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Route, sync_playwright
 from tests.browsing import Feed, Serve, Shown
 
 from covey.mission import load_mission
@@ -36,16 +36,22 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture
 def show(chromium: Browser) -> Iterator[Callable[..., Shown]]:
-    """Opens pages: ``show(url, width=, height=, **options of the context)``; they may neither complain nor call anybody else."""
+    """Opens pages, which may neither complain nor call anybody else.
+
+    ``show(url, width=, height=, wait=, script=, **options of the context)``: `wait` until there is something to see, and
+    a `script` that runs before the page's own.
+    """
     with contextlib.ExitStack() as stack:
         opened: list[Shown] = []
 
-        def open_page(url: str | None, *, width: int = 1280, height: int = 800, **options: Any) -> Shown:
+        def open_page(
+            url: str, *, width: int = 1280, height: int = 800, wait: bool = True, script: str = "", **options: Any
+        ) -> Shown:
             context = chromium.new_context(viewport={"width": width, "height": height}, **options)
             stack.callback(context.close)
             shown = Shown(context.new_page())
             opened.append(shown)
-            own = "file://" if url is None or url.startswith("file:") else url.partition("#")[0]
+            own = "file://" if url.startswith("file:") else url.partition("#")[0]
 
             def guard(route: Route) -> None:
                 if route.request.url.startswith((own, "data:", "blob:")):
@@ -57,15 +63,25 @@ def show(chromium: Browser) -> Iterator[Callable[..., Shown]]:
             context.route("**/*", guard)
             page = shown.page
             page.on("pageerror", lambda error: shown.troubles.append(f"error: {error}"))
-            page.on("console", lambda message: message.type in ("error", "warning") and shown.troubles.append(message.text))
-            page.on("websocket", lambda socket: own in socket.url.replace("ws:", "http:") or shown.troubles.append(socket.url))
-            if url is not None:
-                shown.open(url)
-            return shown
+            page.on("console", lambda message: _complains(message) and shown.troubles.append(message.text))
+            page.on("websocket", lambda socket: _is_own(socket.url, own) or shown.troubles.append(socket.url))
+            if script:
+                context.add_init_script(script)
+            page.goto(url)
+            return shown.ready() if wait else shown
 
         yield open_page
         for shown in opened:
             assert shown.troubles == []
+
+
+def _complains(message: ConsoleMessage) -> bool:
+    """Whether it is the page that complains, and not the driver of graphics about its speed."""
+    return message.type in ("error", "warning") and not message.text.startswith("[.WebGL")
+
+
+def _is_own(address: str, own: str) -> bool:
+    return address.replace("ws:", "http:").startswith(own)
 
 
 @pytest.fixture

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from tests.browsing import WHITE, Feed, Serve, Shown, expected_cells, views_by_event
 
+from covey.playground.offline import feed_bytes
+from covey.playground.sample import sample_feed
 from covey.runtime.feed import Scene, TeamChange, Trading
 from covey.runtime.view import TeamView
 
@@ -49,12 +51,9 @@ def test_cells_match_the_partition_after_every_change_and_are_white_during_every
     assert white > 0
 
 
-@pytest.mark.parametrize("landmarks", [150, 40_000])
+@pytest.mark.parametrize("landmarks", [150, 12_000])
 def test_cells_match_however_large_they_are(show: Show, serve: Serve, landmarks: int) -> None:
     """As single shapes, and as one image with a pixel a cell."""
-    from covey.playground.offline import feed_bytes
-    from covey.playground.sample import sample_feed
-
     feed = tuple(sample_feed(agents=5, landmarks=landmarks, seconds=2.0, rate=5.0))
     shown = show(serve(record=feed_bytes(feed)).public_url)
     shown.seek(1.1)
@@ -62,9 +61,7 @@ def test_cells_match_however_large_they_are(show: Show, serve: Serve, landmarks:
     for item in feed:
         if isinstance(item, Scene) or item.time <= 1.1:
             view.apply(item)
-    near = np.abs(shown.cells(scene_of(feed)) - expected_cells(view)).max(axis=1) <= 1
-    # A cell smaller than two pixels may share its pixel with its neighbour.
-    assert near.mean() == 1.0 if landmarks == 150 else near.mean() > 0.97
+    np.testing.assert_allclose(shown.cells(scene_of(feed)), expected_cells(view), atol=1)
 
 
 def test_hovering_tells_of_landmark_and_agent(show: Show, serve: Serve, planned: Feed, plan_record: bytes) -> None:
@@ -72,7 +69,9 @@ def test_hovering_tells_of_landmark_and_agent(show: Show, serve: Serve, planned:
     scene = scene_of(planned)
     number, _, view = views_by_event(planned)[-1]
     shown.seek(number)
-    landmark = int(np.argmax(np.linalg.norm(view.poses[:, None, :2] - scene.positions_W[None, :, :2], axis=2).min(axis=0)))
+    landmark = int(
+        np.argmax(np.linalg.norm(view.poses[:, None, :2] - scene.positions_W[None, :, :2], axis=2).min(axis=0))
+    )
     owner = scene.agents[int(view.owner[landmark])]
     shown.page.mouse.move(*shown.place(*map(float, scene.positions_W[landmark, :2])))
     tip = shown.text("#tip")
@@ -93,7 +92,9 @@ def test_a_chosen_agent_shows_what_it_sees_and_whom_it_traded_with(
     shown.page.mouse.click(*shown.place(*map(float, view.poses[3, :2])))
     shown.page.locator("#card").wait_for()
     assert scene.agents[3].name in shown.text("#card")
-    trades = [item for item in planned if isinstance(item, TeamChange) and item.kind.value == "trade" and 3 in item.agents]
+    trades = [
+        item for item in planned if isinstance(item, TeamChange) and item.kind.value == "trade" and 3 in item.agents
+    ]
     for partner in {agent for trade in trades for agent in trade.agents} - {3}:
         times = sum(partner in trade.agents for trade in trades)
         assert f"{scene.agents[partner].name} ×{times}" in shown.text("#card .partners")
@@ -194,8 +195,14 @@ def test_keys_are_listed_and_all_can_be_reached_without_a_mouse(show: Show, serv
     reached = []
     for _ in range(30):
         page.keyboard.press("Tab")
-        reached.append(page.evaluate("() => document.activeElement.id || document.activeElement.dataset.agent || document.activeElement.title"))
-    order = [reached.index(name) for name in ("view3d", "help-button", "map", "0", "3", "only-trades", "log", "scrub-input")]
+        reached.append(
+            page.evaluate(
+                "() => document.activeElement.id || document.activeElement.dataset.agent || document.activeElement.title"
+            )
+        )
+    order = [
+        reached.index(name) for name in ("view3d", "help-button", "map", "0", "3", "only-trades", "log", "scrub-input")
+    ]
     assert order == sorted(order)
     page.keyboard.press("]")
     assert page.locator("tr[aria-selected=true]").get_attribute("data-agent") == "0"
@@ -214,4 +221,14 @@ def test_flights_show_their_vehicles_and_paths(show: Show, serve: Serve, flown: 
     assert state["pathPoints"] > 50
     assert state["activity"] == view.activity.tolist()
     shown.page.locator("tr[data-agent='3']", has_text="dead").wait_for()
-    assert shown.text("#agents thead").split() == ["#", "name", "state", "cells", "score", "m/s", "battery", "link", "heard"]
+    assert shown.text("#agents thead").split() == [
+        "#",
+        "name",
+        "state",
+        "cells",
+        "score",
+        "m/s",
+        "battery",
+        "link",
+        "heard",
+    ]

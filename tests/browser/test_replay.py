@@ -11,13 +11,16 @@ import pytest
 from tests.browsing import Feed, Serve, Shown, expected_cells, views_by_event
 
 from covey.playground.offline import feed_bytes, offline_page
+from covey.playground.server import STATIC
 from covey.runtime.feed import Scene, TeamChange
 from covey.runtime.view import TeamView
 
 Show = Callable[..., Shown]
 
 
-def test_any_place_of_a_record_shows_what_playing_up_to_it_shows(show: Show, serve: Serve, flown: Feed, flight_record: bytes) -> None:
+def test_any_place_of_a_record_shows_what_playing_up_to_it_shows(
+    show: Show, serve: Serve, flown: Feed, flight_record: bytes
+) -> None:
     shown = show(serve(record=flight_record).public_url)
     for moment in np.random.default_rng(0).permutation(np.linspace(0.0, 10.0, 12)):
         shown.seek(float(moment))
@@ -34,7 +37,9 @@ def test_any_place_of_a_record_shows_what_playing_up_to_it_shows(show: Show, ser
         np.testing.assert_allclose(np.reshape(state["poses"], (-1, 7)), view.poses)
 
 
-def test_steps_and_jumps_find_the_next_event_and_the_next_trade(show: Show, serve: Serve, planned: Feed, plan_record: bytes) -> None:
+def test_steps_and_jumps_find_the_next_event_and_the_next_trade(
+    show: Show, serve: Serve, planned: Feed, plan_record: bytes
+) -> None:
     shown = show(serve(record=plan_record).public_url)
     steps = views_by_event(planned)
     trades = [number for number, item, _ in steps if isinstance(item, TeamChange) and item.kind.value == "trade"]
@@ -85,7 +90,9 @@ def test_a_click_on_the_score_curve_goes_there(show: Show, serve: Serve, flight_
     assert math.isclose(shown.settle().state()["x"], 5.0, abs_tol=0.6)
 
 
-def test_a_file_from_the_disk_plays_without_a_network(show: Show, tmp_path: Path, planned: Feed, plan_record: bytes) -> None:
+def test_a_file_from_the_disk_plays_without_a_network(
+    show: Show, tmp_path: Path, planned: Feed, plan_record: bytes
+) -> None:
     file = tmp_path / "replay.html"
     file.write_text(offline_page(plan_record), encoding="utf-8")
     shown = show(file.as_uri(), offline=True)
@@ -98,16 +105,12 @@ def test_a_file_from_the_disk_plays_without_a_network(show: Show, tmp_path: Path
 
 
 def test_the_built_page_alone_says_what_to_do(show: Show) -> None:
-    from covey.playground.server import STATIC
-
-    shown = show(None)
-    shown.page.goto((STATIC / "index.html").as_uri())
+    shown = show((STATIC / "index.html").as_uri(), wait=False)
     shown.page.get_by_text("covey replay RECORD --html FILE").wait_for()
 
 
 def test_an_empty_record_is_said_to_be_empty(show: Show, tmp_path: Path) -> None:
     file = tmp_path / "empty.html"
     file.write_text(offline_page(feed_bytes(())), encoding="utf-8")
-    shown = show(None)
-    shown.page.goto(file.as_uri())
+    shown = show(file.as_uri(), wait=False)
     shown.page.get_by_text("This record is empty.").wait_for()

@@ -91,7 +91,7 @@ export interface Entry {
 }
 
 const CHANGES_ON_THE_CURVE = 4000;
-const POINTS_OF_THE_CURVE = 8000;
+const POINTS_OF_THE_CURVE = 4000;
 const LOG_ENTRIES = 2000;
 const PATH_POINTS = 1500;
 const TRADES_REMEMBERED = 100_000;
