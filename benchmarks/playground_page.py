@@ -27,9 +27,28 @@ RATE = 30.0
 """Motions a second."""
 
 WARM_UP = 3.0
-WATCH = "seconds => new Promise(done => { const [at, drawn] = [[], window.covey.frames()]; const step = now => { at.push(now);"
-WATCH += " if (now - at[0] < 1000 * seconds) requestAnimationFrame(step); else done({ at, drawn: window.covey.frames() - drawn }); };"
-WATCH += " requestAnimationFrame(step); })"
+WATCH = """seconds => new Promise(done => {
+  const at = [];
+  const before = window.covey.frames();
+  const step = now => {
+    at.push(now);
+    if (now - at[0] < 1000 * seconds) requestAnimationFrame(step);
+    else done({ at, drawn: window.covey.frames() - before });
+  };
+  requestAnimationFrame(step);
+})"""
+"""When frames were shown, and how many of them were drawn anew."""
+
+DRAG = """() => {
+  let k = 0;
+  setInterval(() => {
+    const [x, y] = [400 + 60 * Math.sin(0.1 * k), 400 + 60 * Math.cos(0.1 * k)];
+    k++;
+    const moved = new PointerEvent('pointermove', { pointerId: 1, clientX: x, clientY: y });
+    document.getElementById('map').dispatchEvent(moved);
+  }, 16);
+}"""
+"""Drag the map about in circles."""
 
 
 def run(*, quick: bool = False) -> dict[str, Any]:
@@ -65,10 +84,7 @@ def _frames(browser: Browser, *, seconds: float, landmarks: int, agents: int, ge
         if gesture:
             page.mouse.move(400, 400)
             page.mouse.down()
-            page.evaluate(
-                "() => { let k = 0; setInterval(() => { const a = 0.1 * k++; document.getElementById('map').dispatchEvent("
-                "new PointerEvent('pointermove', { pointerId: 1, clientX: 400 + 60 * Math.sin(a), clientY: 400 + 60 * Math.cos(a) })); }, 16); }"
-            )
+            page.evaluate(DRAG)
         before = _cpu(browser)
         told = page.evaluate(WATCH, seconds)
         used = _cpu(browser) - before
@@ -155,7 +171,8 @@ def _heap(page: Page) -> float:
     session.send("Performance.enable")
     metrics = session.send("Performance.getMetrics")["metrics"]
     session.detach()
-    return round(next(metric["value"] for metric in metrics if metric["name"] == "JSHeapUsedSize") / 1e6, 2)
+    used = float(next(metric["value"] for metric in metrics if metric["name"] == "JSHeapUsedSize"))
+    return round(used / 1e6, 2)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,8 @@ SAMPLE = """places => {
   const data = copy.getImageData(0, 0, width, height).data;
   return places.map(([x, y]) => {
     const at = window.covey.locate(x, y);
-    const [i, j] = [Math.floor((at.y - box.top) * height / box.height), Math.floor((at.x - box.left) * width / box.width)];
+    const i = Math.floor((at.y - box.top) * height / box.height);
+    const j = Math.floor((at.x - box.left) * width / box.width);
     const k = 4 * (i * width + j);
     return [data[k], data[k + 1], data[k + 2]];
   });
@@ -61,6 +62,11 @@ class Shown:
     page: Page
     troubles: list[str] = field(default_factory=list)
 
+    def note(self, trouble: str, *, when: bool = True) -> None:
+        """Remember what should not have happened."""
+        if when:
+            self.troubles.append(trouble)
+
     def ready(self) -> Shown:
         """Wait until there is something to see."""
         self.page.locator("#cover").wait_for(state="hidden")
@@ -74,7 +80,7 @@ class Shown:
     def wait(self, condition: Callable[[dict[str, Any]], bool], *, seconds: float = 20.0) -> dict[str, Any]:
         """Wait for a state of the page and return it."""
         for _ in range(math.ceil(seconds / 0.05)):
-            state = self.state()
+            state: dict[str, Any] | None = self.state()
             if state is not None and condition(state):
                 self.settle()
                 return state

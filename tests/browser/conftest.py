@@ -38,8 +38,8 @@ def chromium() -> Iterator[Browser]:
 def show(chromium: Browser) -> Iterator[Callable[..., Shown]]:
     """Opens pages, which may neither complain nor call anybody else.
 
-    ``show(url, width=, height=, wait=, script=, **options of the context)``: `wait` until there is something to see, and
-    a `script` that runs before the page's own.
+    ``show(url, width=, height=, wait=, script=, **options of the context)``: `wait` until there is something to see;
+    the `script` runs before the page's own.
     """
     with contextlib.ExitStack() as stack:
         opened: list[Shown] = []
@@ -62,9 +62,9 @@ def show(chromium: Browser) -> Iterator[Callable[..., Shown]]:
 
             context.route("**/*", guard)
             page = shown.page
-            page.on("pageerror", lambda error: shown.troubles.append(f"error: {error}"))
-            page.on("console", lambda message: _complains(message) and shown.troubles.append(message.text))
-            page.on("websocket", lambda socket: _is_own(socket.url, own) or shown.troubles.append(socket.url))
+            page.on("pageerror", lambda error: shown.note(f"error: {error}"))
+            page.on("console", lambda message: shown.note(message.text, when=_complains(message)))
+            page.on("websocket", lambda socket: shown.note(socket.url, when=not _is_own(socket.url, own)))
             if script:
                 context.add_init_script(script)
             page.goto(url)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -43,10 +44,8 @@ class Running:
             if self._stop.is_set():
                 raise Over
 
-        try:
+        with contextlib.suppress(Over):
             self._go(check)
-        except Over:
-            pass
 
     def end(self) -> None:
         self._stop.set()
@@ -89,7 +88,8 @@ def test_step_by_step_each_offer_turns_its_landmarks_white(
     server = serve(steering=steering)
     running(lambda check: plan(mission, watch=tell(server, view), steering=steering, on_progress=check))
     shown = show(server.url, width=900, height=700)
-    scene = shown.wait(lambda state: state["status"] == "open") and view.scene
+    shown.wait(lambda state: state["status"] == "open")
+    scene = view.scene
     assert scene is not None
     assert "token" not in shown.page.url
     assert shown.text("#status") == "paused"
@@ -178,7 +178,8 @@ def test_every_control_asks_for_what_it_says(show: Show, serve: Serve) -> None:
     page.mouse.up()
     weight = asked()
     assert isinstance(weight, SetWeight)
-    assert (weight.landmark, weight.weight) == (37, pytest.approx(2.0, rel=0.02))
+    assert weight.landmark == 37
+    assert weight.weight == pytest.approx(2.0, rel=0.02)
     page.keyboard.press("Escape")
     page.get_by_label("Speed").select_option("2")
     page.keyboard.press("Space")

@@ -24,6 +24,12 @@ CONTRASTS = [
 """Colours of texts, and what they stand on."""
 
 
+FOCUSED = """() => {
+  const { id, dataset, title } = document.activeElement;
+  return id || dataset.agent || title;
+}"""
+
+
 def scene_of(feed: Feed) -> Scene:
     return next(item for item in feed if isinstance(item, Scene))
 
@@ -195,11 +201,7 @@ def test_keys_are_listed_and_all_can_be_reached_without_a_mouse(show: Show, serv
     reached = []
     for _ in range(30):
         page.keyboard.press("Tab")
-        reached.append(
-            page.evaluate(
-                "() => document.activeElement.id || document.activeElement.dataset.agent || document.activeElement.title"
-            )
-        )
+        reached.append(page.evaluate(FOCUSED))
     order = [
         reached.index(name) for name in ("view3d", "help-button", "map", "0", "3", "only-trades", "log", "scrub-input")
     ]

@@ -25,6 +25,13 @@ CORNERS = """() => {
 """Where the sheet's corners and its middle are on the screen."""
 
 
+NO_WEBGL = """
+const get = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return kind.startsWith('webgl') ? null : get.call(this, kind, ...more);
+};
+"""
+
 EXACT = 0.1
 """Pixels: the page's transformation is read back with six digits."""
 
@@ -57,11 +64,7 @@ def test_vehicles_are_seen_in_three_dimensions(show: Show, serve: Serve, flight_
 
 
 def test_without_webgl_the_map_stays_and_a_message_says_why(show: Show, serve: Serve, flight_record: bytes) -> None:
-    script = (
-        "const get = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind.startsWith('webgl') ? null : get.call(this, kind, ...more); };"
-    )
-    shown = show(serve(record=flight_record).public_url, script=script)
+    shown = show(serve(record=flight_record).public_url, script=NO_WEBGL)
     page = shown.page
     page.keyboard.press("3")
     page.get_by_text("no WebGL").wait_for()
@@ -154,7 +157,7 @@ def test_landmarks_are_where_the_corners_put_them(show: Show, serve: Serve, plan
     place = a + [x, y] * (c - a)
     shot = page.screenshot(clip={"x": place[0], "y": place[1], "width": 1, "height": 1})
     with Image.open(BytesIO(shot)) as image:
-        colour = image.convert("RGB").getpixel((0, 0))
+        colour = np.asarray(image.convert("RGB"))[0, 0]
     state = shown.state()
     expected = state["colours"][state["owner"][landmark]]
     np.testing.assert_allclose(colour, [int(expected[i : i + 2], 16) for i in (1, 3, 5)], atol=12)
