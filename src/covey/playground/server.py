@@ -70,6 +70,11 @@ class PlaygroundServer:
     static : Path, optional
         Directory of the built page; by default the one that comes with covey.
 
+    Attributes
+    ----------
+    thread : threading.Thread
+        Where all of it happens but `watch`.
+
     Raises
     ------
     NetworkError
@@ -131,8 +136,8 @@ class PlaygroundServer:
             )
         )
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name="playground", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name="playground", daemon=True)
+        self.thread.start()
 
     @property
     def url(self) -> str:
@@ -157,7 +162,7 @@ class PlaygroundServer:
     def close(self) -> None:
         """Say good-bye to all visitors and free the port."""
         self._uvicorn.should_exit = True
-        self._thread.join()
+        self.thread.join()
 
     def __enter__(self) -> PlaygroundServer:
         return self
