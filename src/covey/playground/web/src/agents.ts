@@ -56,6 +56,7 @@ export interface AgentLook {
 export class Agents {
   private readonly fields: (Path2D | null)[];
   private readonly marks = new Map<string, OffscreenCanvas>();
+  private readonly badges = new Map<string, OffscreenCanvas>();
 
   constructor(private readonly world: World) {
     this.fields = world.scene.agents.map((_, agent) => fieldOfView(world, agent));
@@ -93,7 +94,7 @@ export class Agents {
       if (x < -40 || y < -40 || x > view.width + 40 || y > view.height + 40) continue;
       this.drawMark(context, ratio, view, state, agent, places[agent], radius, look, inks);
     }
-    this.drawBadges(context, view, state, places, radius, font);
+    this.drawBadges(context, ratio, view, state, places, radius, font);
     context.restore();
   }
 
@@ -262,14 +263,12 @@ export class Agents {
 
   /** Numbers on discs of the agents' colours, behind their cameras or where there is room. */
   private drawBadges(
-    context: CanvasRenderingContext2D, view: View, state: State, places: { x: number; y: number; yaw: number }[], radius: number, font: string,
+    context: CanvasRenderingContext2D, ratio: number, view: View, state: State, places: { x: number; y: number; yaw: number }[], radius: number,
+    font: string,
   ): void {
     const size = Math.max(7, 0.72 * radius);
     const shown = places.map((place, agent) => state.activity[agent] !== Activity.GONE && place.x > -50 && place.y > -50 && place.x < view.width + 50 && place.y < view.height + 50);
     const put: { x: number; y: number }[] = [];
-    context.font = `600 ${Math.round(1.25 * size)}px ${font}`;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
     const crowded = places.length > 40;
     for (let agent = 0; agent < places.length; agent++) {
       if (!shown[agent]) continue;
@@ -290,17 +289,39 @@ export class Agents {
         if (best >= 0) break;
       }
       put.push(spot);
-      const text = String(agent + 1);
+      const sprite = this.badge(agent, size, ratio, font);
+      const side = sprite.width / ratio;
+      context.drawImage(sprite, spot.x - side / 2, spot.y - side / 2, side, side);
+    }
+  }
+
+  /** An agent's number on a disc of its colour, drawn once. */
+  private badge(agent: number, size: number, ratio: number, font: string): OffscreenCanvas {
+    const key = `${agent} ${size} ${ratio}`;
+    let sprite = this.badges.get(key);
+    if (sprite) return sprite;
+    const text = String(agent + 1);
+    const radius = text.length > 1 ? size * (0.9 + 0.2 * text.length) : size;
+    const side = Math.ceil(2 * ratio * (radius + 1.5));
+    sprite = new OffscreenCanvas(side, side);
+    const context = sprite.getContext("2d");
+    if (context) {
       const colour = this.world.colours[agent];
+      context.setTransform(ratio, 0, 0, ratio, side / 2, side / 2);
       context.beginPath();
-      context.arc(spot.x, spot.y, text.length > 1 ? size * 1.15 : size, 0, 2 * Math.PI);
+      context.arc(0, 0, radius, 0, 2 * Math.PI);
       context.fillStyle = colour;
       context.fill();
       context.strokeStyle = "#1a1a1a";
       context.lineWidth = 1.2;
       context.stroke();
+      context.font = `600 ${Math.round(1.25 * size)}px ${font}`;
+      context.textAlign = "center";
+      context.textBaseline = "middle";
       context.fillStyle = inkOn(colour);
-      context.fillText(text, spot.x, spot.y + 0.5);
+      context.fillText(text, 0, 0.5);
     }
+    this.badges.set(key, sprite);
+    return sprite;
   }
 }

@@ -1,8 +1,8 @@
 // What a visitor with the token may do to a run; shown only as far as the run allows it.
 
-import { button, element, make, number, percent } from "./dom";
+import { button, element, make, percent } from "./dom";
 import type { Interaction, Tool } from "./interact";
-import type { Command } from "./messages";
+import type { Command, Run } from "./messages";
 import type { Session } from "./session";
 
 const PAUSE = "M6.5 4v12M13.5 4v12";
@@ -11,7 +11,12 @@ const STEP = "M4.5 4v12l8-6zM15.5 4v12";
 const WEIGHT = "M10 3v14M6 6.5 10 3l4 3.5M6 13.5 10 17l4-3.5";
 const OBSTACLE = "M4 16V7l6-3 6 3v9zM4 16 16 8.5M8 16.5 16 12";
 
-const SPEEDS = { plan: [0, 1, 2, 5, 10, 30], flight: [0, 0.5, 1, 2, 5, 10], network: [1] };
+const SPEEDS = { plan: [0, 1, 2, 5, 10, 30], flight: [0, 0.5, 1, 2, 5, 10], network: [0, 0.5, 1, 2, 5, 10] };
+
+function speedName(run: Run, speed: number): string {
+  if (speed === 0) return "full speed";
+  return run === "plan" ? `${Number(speed.toFixed(1))} events/s` : `${Number(speed.toFixed(1))}×`;
+}
 
 export class Controls {
   private readonly bar = element("steering");
@@ -74,9 +79,8 @@ export class Controls {
     if (this.may("step")) parts.push(button("Step", "One step (.)", () => this.step(), STEP));
     if (this.may("speed")) {
       const run = world?.scene.run ?? "plan";
-      const unit = run === "plan" ? " /s" : "×";
       this.speed = make("select", { "aria-label": "Speed", title: run === "plan" ? "Changes and offers a second" : "Simulated seconds a second" },
-        ...SPEEDS[run].map((speed) => make("option", { value: String(speed) }, speed === 0 ? "full speed" : `${speed}${unit}`)));
+        ...SPEEDS[run].map((speed) => make("option", { value: String(speed) }, speedName(run, speed))));
       this.speed.addEventListener("change", () => this.send({ command: "speed", speed: Number(this.speed?.value) }));
       parts.push(this.speed);
     }
@@ -92,8 +96,7 @@ export class Controls {
     if (this.may("weight")) tools.push(this.toolButton("weight", "Weight", "Drag the weight of a landmark (w)", WEIGHT));
     if (this.may("obstacle")) tools.push(this.toolButton("obstacle", "Obstacle", "Put an obstacle on the map (o)", OBSTACLE));
     if (tools.length) parts.push(make("span", { class: "rule" }), ...tools);
-    for (const part of parts) for (const input of [part, ...part.querySelectorAll("input")]) if ("disabled" in input) input.disabled = over;
-    this.bar.hidden = parts.length === 0;
+    this.bar.hidden = parts.length === 0 || over;
     this.bar.replaceChildren(...parts);
     if (over && this.interaction.tool !== "look") this.toggleTool("look");
   }
@@ -119,7 +122,7 @@ export class Controls {
     if (this.speed && document.activeElement !== this.speed) {
       const value = String(steered.speed);
       if (![...this.speed.options].some((option) => option.value === value)) {
-        this.speed.append(make("option", { value }, `${number(steered.speed, 1)}`));
+        this.speed.append(make("option", { value }, speedName(this.session.world?.scene.run ?? "plan", steered.speed)));
       }
       this.speed.value = value;
     }

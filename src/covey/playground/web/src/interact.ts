@@ -40,7 +40,9 @@ export class Interaction {
     frame.addEventListener("pointermove", (event) => this.move(event));
     frame.addEventListener("pointerup", (event) => this.up(event));
     frame.addEventListener("pointercancel", (event) => this.up(event));
-    frame.addEventListener("pointerleave", () => this.leave());
+    frame.addEventListener("pointerleave", (event) => {
+      if (event.pointerType !== "touch") this.leave(); // a finger leaves whenever it is lifted
+    });
     frame.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     frame.addEventListener("dblclick", (event) => this.zoom(event.offsetX, event.offsetY, 2));
   }
@@ -62,6 +64,7 @@ export class Interaction {
     this.frame.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, place);
     this.travelled = 0;
+    if (event.pointerType === "touch") this.leave();
     const { world, state } = this.session;
     if (this.tool === "weight" && world && state && this.pointers.size === 1) {
       const landmark = this.map.landmarkAt(world, place.x, place.y);
@@ -159,7 +162,6 @@ export class Interaction {
     if (Object.hasOwn(moves, event.key)) view.pan(...moves[event.key]);
     else if (event.key === "+" || event.key === "=") view.zoomAt(view.width / 2, view.height / 2, 1.25);
     else if (event.key === "-") view.zoomAt(view.width / 2, view.height / 2, 0.8);
-    else if (event.key === "0") view.refit();
     else return false;
     this.wishes.redraw();
     return true;

@@ -169,10 +169,20 @@ async function toggle3d(): Promise<void> {
   changed();
 }
 
-function toggleFields(): void {
-  selection.fields = !selection.fields;
+/** Of many agents at once they would hide the map. */
+const FIELDS_UP_TO = 16;
+let fieldsChosen = false;
+
+function showFields(shown: boolean): void {
+  if (shown === selection.fields) return;
+  selection.fields = shown;
   element("fields").setAttribute("aria-pressed", String(selection.fields));
   redraw();
+}
+
+function toggleFields(): void {
+  fieldsChosen = true;
+  showFields(!selection.fields);
 }
 
 function showCover(): void {
@@ -183,7 +193,7 @@ function showCover(): void {
     element("cover-text").textContent = "Nothing to show";
     element("cover-detail").textContent = session.trouble;
   } else {
-    element("cover-detail").textContent = session.hello ? "Reading …" : "The page goes on by itself as soon as it hears of one.";
+    element("cover-detail").textContent = session.hello?.source === "record" ? "Reading the record …" : "The page goes on by itself as soon as it hears of one.";
   }
 }
 
@@ -213,6 +223,7 @@ function drawFrame(now: number): void {
   if (panelsStale && !projector.active && now - panelsAt >= PANELS_EVERY) {
     panelsAt = now;
     panelsStale = false;
+    if (!fieldsChosen && session.world) showFields(session.world.m <= FIELDS_UP_TO);
     showCover();
     panels.update(session, selection.agent);
     controls.update();
@@ -232,6 +243,12 @@ function followAddress(): void {
   changed();
 }
 
+function fitAll(): void {
+  if (element("scene3d").hidden) map.view.refit();
+  else view3d?.goHome();
+  redraw();
+}
+
 function selectNext(by: 1 | -1): void {
   const m = session.world?.m ?? 0;
   if (m) choose(selection.agent < 0 ? (by > 0 ? 0 : m - 1) : (selection.agent + by + m) % m);
@@ -246,6 +263,7 @@ function killOrRevive(): void {
 
 const KEYS: Record<string, () => void> = {
   "?": () => showHelp(session),
+  "0": fitAll,
   d: toggleTheme,
   v: toggleFields,
   "3": () => void toggle3d(),
@@ -282,7 +300,7 @@ document.addEventListener("keydown", (event) => {
   if (typing && (arrows || event.key === " ")) return;
   if (target instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter")) return;
   if (arrows && event.key.startsWith("Arrow") && target !== frame && target !== document.body) return;
-  if (interaction.key(event)) event.preventDefault();
+  if (element("scene3d").hidden && interaction.key(event)) event.preventDefault();
   else if (Object.hasOwn(KEYS, event.key)) {
     event.preventDefault();
     KEYS[event.key]();
@@ -291,7 +309,7 @@ document.addEventListener("keydown", (event) => {
 
 element("view3d").addEventListener("click", () => void toggle3d());
 element("fields").addEventListener("click", toggleFields);
-element("fit").addEventListener("click", () => (map.view.refit(), redraw()));
+element("fit").addEventListener("click", fitAll);
 element("theme").addEventListener("click", toggleTheme);
 element("help-button").addEventListener("click", () => showHelp(session));
 element("only-trades").addEventListener("change", changed);

@@ -169,7 +169,7 @@ export class WorldMap {
       drawRegions(context, view, world, inks, selection.agent);
       drawObstacles(context, view, state.obstacles, inks);
     }
-    this.trails.draw(context, view, world, session.timeline?.paths ?? [], session.x, this.look, inks, stale);
+    if (!this.bare) this.trails.draw(context, view, world, session.timeline?.paths ?? [], session.x, this.look, inks, stale);
     if (stale) {
       if (!numbered && !this.seen) {
         drawPartitionNumbers(context, view, world, state, this.font);

@@ -6,7 +6,9 @@ import { extent, WorldMap, type Selection } from "./map";
 import type { Session } from "./session";
 import type { Bounds } from "./view";
 
-const LONGEST_SIDE = 1600;
+/** Of the sheet, CSS pixels before the corners are dragged: the fewer, the larger are agents and numbers on it. */
+const LONGEST_SIDE = 800;
+const PIXEL_RATIO = 2;
 const NAMES = ["upper left", "upper right", "lower right", "lower left"];
 const NOTHING: Selection = { agent: -1, hovered: -1, fields: false, seen: null };
 
@@ -36,7 +38,7 @@ export class Projector {
 
   toggle(active: boolean): void {
     this.box.hidden = !active;
-    for (const id of ["bar", "main", "player"]) element(id).inert = active;
+    for (const id of ["bar", "main", "steering", "player"]) element(id).inert = active;
     if (!active) this.calibrate(false);
   }
 
@@ -52,7 +54,7 @@ export class Projector {
       this.size = { width: Math.round(w * scale), height: Math.round(h * scale) };
       this.sheet.style.width = `${this.size.width}px`;
       this.sheet.style.height = `${this.size.height}px`;
-      this.map.resize(this.size.width, this.size.height, 1);
+      this.map.resize(this.size.width, this.size.height, PIXEL_RATIO);
       this.map.view.fit(this.bounds);
       this.sheet.append(this.grid);
       this.corners = recall(this.area()) ?? this.fitted();
@@ -159,33 +161,37 @@ export class Projector {
   private drawGrid(): void {
     const { bounds, grid, map } = this;
     if (!bounds || !map) return;
-    grid.width = this.size.width;
-    grid.height = this.size.height;
+    const { width, height } = this.size;
+    grid.width = width * PIXEL_RATIO;
+    grid.height = height * PIXEL_RATIO;
+    grid.style.width = `${width}px`;
+    grid.style.height = `${height}px`;
     const context = grid.getContext("2d");
     if (!context) return;
+    context.scale(PIXEL_RATIO, PIXEL_RATIO);
     const { view } = map;
     context.fillStyle = "#000";
-    context.fillRect(0, 0, grid.width, grid.height);
-    context.font = "20px system-ui, sans-serif";
+    context.fillRect(0, 0, width, height);
+    context.font = "12px system-ui, sans-serif";
     context.fillStyle = "#fff";
     context.strokeStyle = "#fff";
     for (let x = Math.ceil(bounds.xMin); x <= bounds.xMax; x++) {
-      context.lineWidth = x === 0 ? 4 : 1.5;
-      context.strokeRect(view.x(x), -5, 0, grid.height + 10);
-      context.fillText(`x ${x}`, view.x(x) + 5, grid.height - 8);
+      context.lineWidth = x === 0 ? 2.5 : 1;
+      context.strokeRect(view.x(x), -5, 0, height + 10);
+      context.fillText(`x ${x}`, view.x(x) + 4, height - 6);
     }
     for (let y = Math.ceil(bounds.yMin); y <= bounds.yMax; y++) {
-      context.lineWidth = y === 0 ? 4 : 1.5;
-      context.strokeRect(-5, view.y(y), grid.width + 10, 0);
-      context.fillText(`y ${y}`, 6, view.y(y) - 6);
+      context.lineWidth = y === 0 ? 2.5 : 1;
+      context.strokeRect(-5, view.y(y), width + 10, 0);
+      context.fillText(`y ${y}`, 5, view.y(y) - 4);
     }
-    context.lineWidth = 5;
+    context.lineWidth = 3;
     context.strokeStyle = "#fee838";
-    context.strokeRect(2.5, 2.5, grid.width - 5, grid.height - 5);
-    context.lineWidth = 2;
+    context.strokeRect(1.5, 1.5, width - 3, height - 3);
+    context.lineWidth = 1.5;
     context.beginPath();
     const radius = 0.45 * Math.min(bounds.xMax - bounds.xMin, bounds.yMax - bounds.yMin) * view.scale;
-    context.arc(grid.width / 2, grid.height / 2, radius, 0, 2 * Math.PI);
+    context.arc(width / 2, height / 2, radius, 0, 2 * Math.PI);
     context.stroke();
   }
 }

@@ -39,6 +39,7 @@ export class View3d {
   private stale = true;
   private mission = "";
   private size = 1;
+  private home = { middle: new Vector3(), radius: 1 };
 
   constructor(private readonly frame: HTMLElement) {
     this.renderer = new WebGLRenderer({ antialias: true });
@@ -62,6 +63,20 @@ export class View3d {
     this.renderer.setSize(w, h);
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
+    this.stale = true;
+  }
+
+  /** Look at everything. */
+  goHome(): void {
+    const { middle, radius } = this.home;
+    this.camera.far = 100 * radius;
+    this.camera.near = 0.005 * radius;
+    const half = (this.camera.fov * Math.PI) / 360;
+    const away = (0.92 * radius) / Math.sin(Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect)));
+    this.camera.position.copy(middle).add(new Vector3(-0.28, -0.76, 0.58).normalize().multiplyScalar(away));
+    this.camera.updateProjectionMatrix();
+    this.orbit.target.copy(middle);
+    this.orbit.update();
     this.stale = true;
   }
 
@@ -93,7 +108,10 @@ export class View3d {
     const bounds = extent(world, state);
     const [w, h] = [bounds.xMax - bounds.xMin, bounds.yMax - bounds.yMin];
     this.size = Math.max(w, h);
-    const middle = new Vector3((bounds.xMin + bounds.xMax) / 2, (bounds.yMin + bounds.yMax) / 2, 0);
+    let top = 0;
+    for (let agent = 0; agent < world.m; agent++) top = Math.max(top, state.poses[POSE * agent + 2] || 0);
+    const middle = new Vector3((bounds.xMin + bounds.xMax) / 2, (bounds.yMin + bounds.yMax) / 2, top / 2);
+    this.home = { middle, radius: 0.5 * Math.hypot(w, h, top) };
     const lines = new GridHelper(2 * Math.ceil(this.size), Math.min(2 * Math.ceil(this.size), 60), inks.faint, inks.line);
     lines.rotation.x = Math.PI / 2;
     lines.position.set(Math.round(middle.x), Math.round(middle.y), -0.012 * this.size);
@@ -108,12 +126,7 @@ export class View3d {
     this.colour(state, null);
     if (this.mission !== world.scene.mission) {
       this.mission = world.scene.mission;
-      this.camera.far = 40 * this.size;
-      this.camera.near = 0.002 * this.size;
-      this.camera.position.set(middle.x - 0.3 * this.size, middle.y - 0.82 * this.size, 0.72 * this.size);
-      this.camera.updateProjectionMatrix();
-      this.orbit.target.copy(middle);
-      this.orbit.update();
+      this.goHome();
     }
     this.stale = true;
   }

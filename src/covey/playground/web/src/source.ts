@@ -11,27 +11,31 @@ export interface Steering {
   send(command: Command): void;
 }
 
+const TOKEN = "covey.token";
+/** WebSocket's close code for those who break the rules. */
+const TURNED_AWAY = 1008;
+
 /** Token of this visitor; from the address once, then from the tab's memory, so that a copied address does not carry it. */
-export function takeToken(): string {
+function takeToken(): { token: string; given: boolean } {
   const parameters = new URLSearchParams(location.hash.slice(1));
   const given = parameters.get("token");
-  if (given === null) return recall() ?? "";
-  parameters.delete("token");
-  const rest = parameters.toString().replace(/=(?=&|$)/g, "");
   try {
-    sessionStorage.setItem("covey.token", given);
+    if (given === null) return { token: sessionStorage.getItem(TOKEN) ?? "", given: false };
+    sessionStorage.setItem(TOKEN, given);
+    parameters.delete("token");
+    const rest = parameters.toString().replace(/=(?=&|$)/g, "");
     history.replaceState(null, "", location.pathname + location.search + (rest ? `#${rest}` : ""));
   } catch {
     // without storage the address keeps it
   }
-  return given;
+  return { token: given ?? "", given: given !== null };
 }
 
-function recall(): string | null {
+function forgetToken(): void {
   try {
-    return sessionStorage.getItem("covey.token");
+    sessionStorage.removeItem(TOKEN);
   } catch {
-    return null;
+    // nothing was stored
   }
 }
 
@@ -73,13 +77,18 @@ function play(session: Session, text: string, changed: () => void): void {
 
 class Live implements Steering {
   private socket: WebSocket | null = null;
-  private readonly token = takeToken();
+  private token: string;
+  /** Whether the token came with the address and no server has taken it yet. */
+  private untried: boolean;
   private retry = FIRST_RETRY;
 
   constructor(
     private readonly session: Session,
     private readonly changed: () => void,
   ) {
+    const { token, given } = takeToken();
+    this.token = token;
+    this.untried = given;
     this.connect();
   }
 
@@ -96,6 +105,7 @@ class Live implements Steering {
     socket.onopen = () => socket.send(JSON.stringify({ type: "hello", token: this.token }));
     socket.onmessage = (event: MessageEvent<string>) => {
       this.retry = FIRST_RETRY;
+      this.untried = false;
       const messages = JSON.parse(event.data) as Message[];
       for (const message of messages) {
         this.session.receive(message);
@@ -107,7 +117,15 @@ class Live implements Steering {
       }
       this.changed();
     };
-    socket.onclose = () => {
+    socket.onclose = (event) => {
+      if (event.code === TURNED_AWAY && this.token) {
+        forgetToken();
+        if (this.untried) {
+          fail(this.session, "The server turned this page away: the token in its address is of another run. Open the address that the run prints.", this.changed);
+          return;
+        }
+        this.token = ""; // of an earlier run: without it one may still watch
+      }
       if (this.session.status !== "over") this.session.status = this.session.world ? "lost" : "connecting";
       this.changed();
       setTimeout(() => this.connect(), this.retry);

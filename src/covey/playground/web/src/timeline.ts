@@ -91,7 +91,7 @@ export interface Entry {
 }
 
 const CHANGES_ON_THE_CURVE = 4000;
-const POINTS_OF_THE_CURVE = 8000;
+const POINTS_OF_THE_CURVE = 4000;
 const LOG_ENTRIES = 2000;
 const PATH_POINTS = 1500;
 const TRADES_REMEMBERED = 100_000;
@@ -171,7 +171,7 @@ export class Timeline {
     const changes = history.changes;
     const x = (time: number, index: number): number => (this.byEvents ? index + 1 : time);
     if (this.byEvents) {
-      this.steps = Math.max(this.steps, times.length, changes.length);
+      this.steps = Math.max(this.steps, times.length - 1, changes.length);
       times.forEach((_, i) => this.score.add(this.steps - times.length + i + 1, scores[i]));
     } else {
       times.forEach((time, i) => this.score.add(time, scores[i]));
