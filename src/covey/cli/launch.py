@@ -175,6 +175,9 @@ def _tell(outcome: LaunchReport, *, quiet: bool) -> None:
     if outcome.strangers:
         counts = ", ".join(f"{count} {cause}" for cause, count in outcome.strangers.items())
         typer.echo(f"covey: dropped from the network: {counts}", err=True)
+    if outcome.refused:
+        counts = ", ".join(f"{count} ({why})" for why, count in outcome.refused.items())
+        typer.echo(f"covey: connections refused: {counts}", err=True)
     if not quiet:
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"
         typer.echo(
