@@ -27,6 +27,7 @@ from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
 from covey.cli.view import Live, eyes_of, live
+from covey.errors import InputError
 from covey.mission import load_mission
 from covey.runtime.feed import Ended
 from covey.runtime.mcap_reader import Record
@@ -194,9 +195,19 @@ def test_other_hosts_are_warned_of(mission: Path, capsys: pytest.CaptureFixture[
     err = capsys.readouterr().err
     assert "watch at http://127.0.0.1:" in err
     assert "unencrypted" in err
-    with live(False, mission=loaded, host="0.0.0.0", **options) as shown:
+    with live(False, mission=loaded, host="127.0.0.1", **options) as shown:
         assert shown == Live()
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("option", [{"port": 8000}, {"host": "0.0.0.0"}, {"open_page": True}, {"speed": 2.0}])
+def test_options_of_the_page_need_the_page(mission: Path, option: dict[str, Any]) -> None:
+    options: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "open_page": False} | option
+    with (
+        pytest.raises(InputError, match="expected --view"),
+        live(False, mission=load_mission(mission), usual=1.0, **options),
+    ):
+        pass
 
 
 def test_the_page_stays_until_ctrl_c_only_where_somebody_is(monkeypatch: pytest.MonkeyPatch) -> None:
