@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from websockets.asyncio.client import connect
@@ -203,5 +204,8 @@ def _thread_time(server: PlaygroundServer) -> float:
 
 
 def _megabytes() -> float:
-    """Return the most memory that the process has had so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    """Return the memory that the process has now; NaN where the system does not tell."""
+    status = Path("/proc/self/statm")
+    if not status.exists():
+        return float("nan")
+    return int(status.read_text().split()[1]) * resource.getpagesize() / 1e6

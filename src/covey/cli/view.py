@@ -80,7 +80,14 @@ class Live:
 
 @contextmanager
 def live(
-    view: bool, *, mission: Mission, host: str, port: int, open_page: bool, speed: float | None, usual: float
+    view: bool,
+    *,
+    mission: Mission,
+    host: str,
+    port: int,
+    open_page: bool,
+    speed: float | None = None,
+    usual: float | None = None,
 ) -> Iterator[Live]:
     """Serve the Playground beside a run, if it is asked for.
 
@@ -91,8 +98,8 @@ def live(
     mission : Mission
     host, port, open_page, speed
         The options.
-    usual : float
-        The speed, if it is not said; see `covey.runtime.steering.SetSpeed`.
+    usual : float or None
+        The speed, if it is not said; see `covey.runtime.steering.SetSpeed`.  None for a run that nobody can steer.
 
     Raises
     ------
@@ -105,7 +112,7 @@ def live(
 
     from covey.runtime.steering import Steering
 
-    steering = Steering(speed=usual if speed is None else speed)
+    steering = None if usual is None else Steering(speed=usual if speed is None else speed)
     with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(mission)) as server:
         yield Live(server.watch, steering)
 

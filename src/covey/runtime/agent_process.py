@@ -30,6 +30,7 @@ from covey.runtime.remote_agent import (
     mission_codec,
     warm_up,
 )
+from covey.transports.network import report_refusals
 from covey.transports.zenoh import ZenohTransport
 
 KEEP_EVERY = 1.0
@@ -154,6 +155,18 @@ def _signals(wish: _Wish) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def _stdout_on_stderr() -> Iterator[None]:
+    """Have whatever is written to standard output, where Zenoh logs, go to stderr meanwhile."""
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
 def run_agent(
     mission: Mission, settings: AgentSettings, *, say: Callable[[str], object], talkative: bool = True
 ) -> AgentReport:
@@ -182,7 +195,11 @@ def run_agent(
     wish = _Wish()
     if settings.attached:
         threading.Thread(target=wish.follow, args=[sys.stdin.fileno()], daemon=True).start()
-    with _signals(wish):
+    with ExitStack() as stack:
+        stack.enter_context(_signals(wish))
+        if settings.network.options.credentials is not None:
+            stack.enter_context(_stdout_on_stderr())
+            report_refusals()
         return _Life(mission, settings, wish, say, say if talkative else lambda text: None).run()
 
 

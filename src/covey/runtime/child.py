@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 LINES = 20
 """How many of the last lines of stderr are kept."""
+
+_REFUSED = re.compile(r"zenoh_link_tls\S*\s+(?P<why>[^.\n]*)")
+"""What Zenoh says of somebody whom TLS does not let in."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,8 @@ class Child:
         self.name = name
         self.killed = False
         """Whether its parent sent it SIGKILL."""
+        self.refused: Counter[str] = Counter()
+        """How often somebody was not let in, by what was wrong with the certificate."""
         self._lines: deque[str] = deque(maxlen=LINES)
         self._report = b""
         # A group of its own: Ctrl-C on a terminal reaches the parent alone, which passes it on once.
@@ -75,6 +82,7 @@ class Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             start_new_session=True,
+            env={**os.environ, "NO_COLOR": "1"},
         )
         self._readers = [
             threading.Thread(target=self._read_stderr, daemon=True),
@@ -145,8 +153,13 @@ class Child:
     def _read_stderr(self) -> None:
         stream = self._process.stderr
         assert stream is not None
-        for line in stream:
-            self._lines.append(line.decode("utf-8", "replace").rstrip())
+        for data in stream:
+            line = data.decode("utf-8", "replace").rstrip()
+            refused = _REFUSED.search(line)
+            if refused is None:
+                self._lines.append(line)
+            else:
+                self.refused[refused["why"]] += 1
 
     def _read_stdout(self) -> None:
         stream = self._process.stdout

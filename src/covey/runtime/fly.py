@@ -337,6 +337,8 @@ class _Sortie:
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
+        if self._teller is not None:
+            self._teller.note(self.fleet.time, "landing", range(self.fleet.n), "all fly home and land")
         counts = self._reached, self._missed
         flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
         for agent in flying:

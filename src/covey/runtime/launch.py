@@ -9,6 +9,7 @@ import signal
 import socket
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -104,6 +105,8 @@ class LaunchReport:
         The reports of those that left by themselves: `covey.runtime.agent_process.AgentReport`.
     dropped : dict of str to int
         Arrivals that the observer dropped, by cause.
+    refused : dict of str to int
+        Connections that the agents did not let in, by what was wrong with the certificate.
     longest_unowned : float
         No landmark was without a living owner for longer, seconds.
     start_s, settle_s : float
@@ -114,6 +117,7 @@ class LaunchReport:
     exits: tuple[Exit, ...]
     agents: tuple[dict[str, Any], ...]
     dropped: dict[str, int]
+    refused: dict[str, int]
     longest_unowned: float
     start_s: float
     settle_s: float
@@ -174,6 +178,7 @@ def launch(
     *,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_observer: Callable[[Observer], object] = lambda observer: None,
+    on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
 ) -> tuple[Deployment, LaunchReport]:
     """Start every agent of a mission as a process on this machine, and wait until the mission is over.
 
@@ -185,6 +190,8 @@ def launch(
     options : LaunchOptions
     on_progress, on_observer : callable, keyword-only
         As for `watch`.
+    on_endpoints : callable, keyword-only
+        Called once with the endpoints on which the agents will listen, and last the observer.
 
     Returns
     -------
@@ -196,7 +203,7 @@ def launch(
     NetworkError
         If the network cannot be joined, or an agent ends before it was heard and is not to be started again.
     """
-    return _Launch(mission, path, options, (), on_progress, on_observer).run()
+    return _Launch(mission, path, options, (), on_progress, on_observer, on_endpoints).run()
 
 
 class _Launch:
@@ -208,6 +215,7 @@ class _Launch:
         connect: Sequence[str],
         on_progress: Callable[[Progress], None],
         on_observer: Callable[[Observer], object],
+        on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
     ) -> None:
         self.mission = mission
         self._path = path
@@ -215,14 +223,17 @@ class _Launch:
         self._connect = tuple(connect)
         self._on_progress = on_progress
         self._on_observer = on_observer
+        self._on_endpoints = on_endpoints
         self._names = [agent.name for agent in mission.agents]
         self._children: dict[int, Child] = {}
         self._failures = dict.fromkeys(range(len(self._names)), 0)
         self._restarts: dict[int, float] = {}  # when to start whom again
         self._exits: list[Exit] = []
+        self._refused: Counter[str] = Counter()
         self._reports: list[dict[str, Any]] = []
         self._began = time.monotonic()
         self._all_there: float | None = None
+        self._calm_at = 0.0  # before, the effect of a signal may not show yet
         self._blows = sorted(options.blows, key=lambda blow: blow.after)
 
     @property
@@ -236,6 +247,7 @@ class _Launch:
                 warm_up(self.mission, 0, self._options.vehicles)  # once, and not by all agents at the same time
                 self._began = time.monotonic()
             endpoints = self._endpoints()
+            self._on_endpoints(endpoints)
             state = self._options.state
             if state is None and self._path is not None:
                 state = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="covey-launch-")))
@@ -256,6 +268,7 @@ class _Launch:
             exits=tuple(self._exits),
             agents=tuple(self._reports),
             dropped={cause.value: count for cause, count in observer.dropped.items()},
+            refused=dict(self._refused),
             longest_unowned=observer.longest_unowned,
             start_s=round(start, 3),
             settle_s=round(over_at - start, 3),
@@ -323,12 +336,14 @@ class _Launch:
             view = observer.view
             stage = "starting" if self._all_there is None else "trading"
             self._on_progress(Progress(stage, view.score, view.trades))
-            if not self._blows and not self._restarts and self._is_complete(observer) and observer.over:
+            if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
                 return observer.settle()
         return False
 
     def _is_complete(self, observer: Observer) -> bool:
-        """Whether those that are heard are those that run: nobody has just been started, and nobody just died."""
+        """Whether those that are heard are those that run, and nothing else is to happen to them."""
+        if self._blows or self._restarts:
+            return False
         return self._path is None or observer.living.keys() == self._children.keys()
 
     def _look_after(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
@@ -338,6 +353,7 @@ class _Launch:
             blow = self._blows.pop(0)
             if blow.agent in self._children:
                 self._children[blow.agent].send(blow.number)
+            self._calm_at = now + self._options.network.times.dead_after
         for agent in list(self._children):
             if self._children[agent].code is not None:
                 self._bury(agent, observer)
@@ -363,6 +379,7 @@ class _Launch:
         child.close()
         if report is not None:
             self._reports.append(report)
+        self._refused += child.refused
         code = child.code
         assert code is not None
         self._exits.append(Exit(child.name, round(self._time, 3), code, wanted, child.stderr))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.protocol import Heartbeat
-from covey.runtime.feed import Activity, Health, Run, TeamState, Watcher
+from covey.protocol import Heartbeat, LandmarksAdopted, TradeCommitted
+from covey.runtime.feed import Activity, Ended, Health, Run, TeamState, Watcher
 from covey.runtime.observer import Heard, Observer
 from covey.runtime.plan import software_versions
 from covey.runtime.telling import KINDS, Teller, change_text, describe, pose_rows
@@ -42,6 +43,7 @@ class NetworkTeller(Teller):
         self._heard = np.full(m, np.nan)
         self._quiescent = np.zeros(m, dtype=np.bool_)
         self._entries = len(view.history)
+        self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
         self._healthy_at = -math.inf
         self.tell(self.scene)
         self.state(self._state())
@@ -53,25 +55,49 @@ class NetworkTeller(Teller):
             agent = item.content.sender.agent
             self._heard[agent] = item.time
             self._quiescent[agent] = item.content.quiescent
-        self.update()
+        elif isinstance(item.content, TradeCommitted):
+            self._moved["trade"].append(item.content.moved)
+        elif isinstance(item.content, LandmarksAdopted):
+            self._moved["adoption"].append(len(item.content.records.indices))
+        self._tell_history(as_heard=True)
+        self._tell_health()
 
     def update(self) -> None:
-        """Tell what is new."""
-        now, team = self._observer.time, self._observer.view
-        for entry in team.history[self._entries :]:
-            if entry.event in KINDS:
-                agents = tuple(self._names.index(name) for name in entry.agents)
-                moved = int((team.owner != self.view.owner).sum())
-                text = change_text(entry.event, entry.agents, moved, entry.score)
-                self.change(now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text)
-        self._entries = len(team.history)
+        """Tell what is new, also when nothing was heard."""
+        team = self._observer.view
+        self._tell_history(as_heard=False)
         if not np.array_equal(team.owner, self.view.owner) or not np.array_equal(self._poses(), self.view.poses):
             self.state(self._state())  # what the team agreed on is not quite what events told
-        activity = self._activity()
+        self._tell_health()
+
+    def _tell_history(self, *, as_heard: bool) -> None:
+        """Tell new entries of the history; what is heard together is in it before any of it is heard here."""
+        now, team = self._observer.time, self._observer.view
+        while self._entries < len(team.history):
+            entry = team.history[self._entries]
+            counts = self._moved.get(entry.event)
+            if as_heard and counts is not None and not counts:
+                return
+            self._entries += 1
+            if entry.event in KINDS:
+                agents = tuple(self._names.index(name) for name in entry.agents)
+                text = change_text(entry.event, entry.agents, counts.popleft() if counts else 0, entry.score)
+                self.change(now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text)
+        for counts in self._moved.values():
+            counts.clear()
+
+    def _tell_health(self) -> None:
+        now, activity = self._observer.time, self._activity()
         if now - self._healthy_at >= HEALTH_EVERY or not np.array_equal(activity, self.view.activity):
             self._healthy_at = now
             unknown = np.full(len(self._names), np.nan)
             self.tell(Health(now, activity, unknown, unknown, self._heard.copy()))
+
+    def end(self, status: str, holds: bool | None) -> None:
+        """Tell the last state, and that the mission is over."""
+        self.update()
+        self.state(self._state())
+        self.tell(Ended(self._observer.time, status, holds, float(self._scores().sum())))
 
     def _activity(self) -> NDArray[np.uint8]:
         silence = self._observer.time - self._heard

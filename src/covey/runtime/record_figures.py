@@ -20,7 +20,7 @@ from covey.environment import GeoReference, Landmarks
 from covey.errors import ArgumentError
 from covey.geometry import Pose2, Region
 from covey.mission import AgentSpec, CoverageSpec, Mission, SensorSpec
-from covey.runtime.feed import POSE, ChangeKind, Motion, Run, Scene, TeamChange, TeamState
+from covey.runtime.feed import POSE, ChangeKind, Motion, Note, Run, Scene, TeamChange, TeamState
 from covey.runtime.map_drawing import FAINT, INK, STYLE, Frame, draw_badges, draw_map
 from covey.runtime.mcap_reader import Record
 from covey.runtime.palette import is_light
@@ -82,6 +82,8 @@ class Story:
         Those since the newest scene.
     waypoints : array, shape (k, m, 7)
         Committed poses at the time of each motion.
+    home : float
+        When the vehicles left their waypoints for home, seconds; infinite if they did not.
     """
 
     view: TeamView
@@ -90,12 +92,14 @@ class Story:
     changes: tuple[TeamChange, ...]
     motions: tuple[Motion, ...]
     waypoints: NDArray[np.float64]
+    home: float
 
     @classmethod
     def of(cls, record: Record) -> Story:
         """Read a record."""
         view, changes, motions, waypoints = TeamView(), list[TeamChange](), list[Motion](), list[NDArray[np.float64]]()
         initial: TeamState | None = None
+        home = math.inf
         for item in record.items():
             view.apply(item)
             match item:
@@ -105,6 +109,8 @@ class Story:
                     initial = initial or item
                 case TeamChange():
                     changes.append(item)
+                case Note(kind="landing"):
+                    home = min(home, item.time)
                 case Motion():
                     motions.append(item)
                     waypoints.append(view.poses.copy())
@@ -113,7 +119,7 @@ class Story:
         if view.scene is None or initial is None:
             raise ArgumentError(f"record: expected one with the state of a team, got {record.path}")
         goals = np.array(waypoints).reshape(len(motions), len(view.scene.agents), POSE)
-        return cls(view, view.scene, initial, tuple(changes), tuple(motions), goals)
+        return cls(view, view.scene, initial, tuple(changes), tuple(motions), goals, home)
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -148,8 +154,10 @@ def record_figure(story: Story, kind: Kind, *, width_mm: float = COLUMN_MM) -> F
         )
     width = width_mm / 25.4
     with mpl.rc_context(_STYLE):
-        if kind in (Kind.DEPLOYMENT, Kind.TRADES):
-            return _map_figure(story, width, trades=kind is Kind.TRADES)
+        if kind is Kind.DEPLOYMENT:
+            return _map_figure(story, width)
+        if kind is Kind.TRADES:
+            return _trades_figure(story, width)
         figure, ax = _chart(width)
         draw = {Kind.SCORE: _draw_score, Kind.SEPARATION: _draw_separation, Kind.TRACKING: _draw_tracking}[kind]
         draw(ax, story)
@@ -171,10 +179,10 @@ def _chart(width: float) -> tuple[Figure, Axes]:
     return figure, ax
 
 
-def _map_figure(story: Story, width: float, *, trades: bool) -> Figure:
+def _map_figure(story: Story, width: float) -> Figure:
     mission, poses = mission_of(story.scene, story.view), _poses(story.view.poses)
     left, bottom, rest = 0.42, 0.36, 0.06
-    frame = Frame.around(mission, poses, box=(width - left - rest, 1.6 * width), stretch=False)
+    frame = Frame.around(mission, poses, box=(width - left - rest, 1.4 * width))
     height = frame.height + bottom + rest
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
@@ -183,15 +191,18 @@ def _map_figure(story: Story, width: float, *, trades: bool) -> Figure:
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
     palette = [agent.colour for agent in story.scene.agents]
-    if trades:
-        frame.apply(ax)
-        ax.set_xlabel("x [m]")
-        ax.set_ylabel("y [m]")
-        _draw_trades(ax, story, palette)
-        return figure
-    draw_map(ax, mission, poses, story.view.owner.astype(np.int64), frame=frame, palette=palette)
-    if len(story.motions) > 1:
-        paths = np.array([motion.poses[:, :2] for motion in story.motions])
+    draw_map(
+        ax,
+        mission,
+        poses,
+        story.view.owner.astype(np.int64),
+        frame=frame,
+        palette=palette,
+        radius=7.0 if len(poses) <= 16 else 5.0,
+    )
+    motions = _under_way(story)
+    if motions:
+        paths = np.array([motion.poses[:, :2] for motion in motions])
         for index, colour in enumerate(palette):
             edge = INK if is_light(colour) else "white"
             ax.plot(*paths[:, index].T, color=edge, linewidth=1.5, alpha=0.6, zorder=3.2)
@@ -211,7 +222,7 @@ def _draw_score(ax: Axes, story: Story) -> None:
         times, scores = np.append(times, end), np.append(scores, scores[-1])
         ax.set_xlabel("time [s]")
     ax.step(times, scores, where="post", color=INK, linewidth=1.0, label="committed", zorder=3)
-    flown = [(motion.time, motion.score_flown) for motion in story.motions if math.isfinite(motion.score_flown)]
+    flown = [(motion.time, motion.score_flown) for motion in _under_way(story) if math.isfinite(motion.score_flown)]
     if flown:
         ax.plot(*np.array(flown).T, color="#0072B2", linewidth=0.8, label="as flown", zorder=2)
     for kind, (label, shape, size) in _MARKS.items():
@@ -236,56 +247,69 @@ def _draw_separation(ax: Axes, story: Story) -> None:
     ax.plot(times, apart, color=INK, linewidth=0.9, label="least separation")
     needed = story.scene.required_separation
     ax.axhline(needed, color="#D55E00", linestyle=(0, (4, 2)), linewidth=0.9, label=f"required: {needed:.2f} m")
-    ax.set_ylim(0.0, 1.08 * float(np.nanmax(apart)))
+    ax.set_ylim(0.0, 1.22 * float(np.nanmax(apart)))
     ax.set_xlabel("time [s]")
     ax.set_ylabel("separation [m]")
     ax.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3, handlelength=1.6)
 
 
 def _draw_tracking(ax: Axes, story: Story) -> None:
-    times = np.array([motion.time for motion in story.motions])
-    away = np.array([motion.poses[:, :3] for motion in story.motions]) - story.waypoints[:, :, :3]
+    motions = _under_way(story)
+    times = np.array([motion.time for motion in motions])
+    away = np.array([motion.poses[:, :3] for motion in motions]) - story.waypoints[: len(motions), :, :3]
     distance = np.linalg.norm(away, axis=2)
     for index, agent in enumerate(story.scene.agents):
         ax.plot(times, distance[:, index], color=agent.colour, linewidth=0.8, label=agent.name)
-    ax.set_ylim(bottom=0.0)
+    ax.set_ylim(0.0, 1.25 * float(distance.max()) or 1.0)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("distance to waypoint [m]")
     if len(story.scene.agents) <= 8:
         ax.legend(
-            loc="upper right", ncols=2, frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3,
+            loc="upper center", ncols=4, frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3,
             handlelength=1.2, columnspacing=1.0,
         )  # fmt: skip
 
 
-def _draw_trades(ax: Axes, story: Story, palette: Sequence[str]) -> None:
-    """Draw the trades between each two agents as a line, the wider the more, with the landmarks that went across."""
+def _trades_figure(story: Story, width: float) -> Figure:
+    """Draw the agents in a circle and the trades between each two as a line, the wider the more landmarks moved."""
     moved, count = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
     for change in story.changes:
         if change.kind is ChangeKind.TRADE:
             first, second = sorted(change.agents)
             moved[first, second] += len(change.landmarks)
             count[first, second] += 1
-    places = story.view.poses[:, :2]
-    for ring in story.scene.region:
-        ax.plot(*np.vstack([ring, ring[:1]]).T, color=FAINT, linewidth=0.8)
-    most = max(count.values())
-    for pair, trades in sorted(count.items(), key=lambda item: item[1]):
-        (x0, y0), (x1, y1) = places[list(pair)]
-        ax.plot([x0, x1], [y0, y1], color="#8A8A8A", linewidth=0.8 + 3.2 * trades / most, alpha=0.75, zorder=2)
-    if len(count) <= 24:
-        for pair, trades in count.items():
-            x, y = places[list(pair)].mean(axis=0)
+    agents = story.scene.agents
+    figure = Figure(figsize=(width, 0.8 * width))
+    FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set(xlim=(-1.5, 1.5), ylim=(-1.2, 1.2), aspect="equal")
+    ax.axis("off")
+    # the first lies a little off the top, so that names have room on both sides
+    angles = 0.5 * np.pi - 2.0 * np.pi * (np.arange(len(agents)) + 0.5) / len(agents)
+    places = np.column_stack([np.cos(angles), np.sin(angles)])
+    most = max(moved.values())
+    for (first, second), landmarks in sorted(moved.items(), key=lambda item: item[1]):
+        (x0, y0), (x1, y1) = places[first], places[second]
+        ax.plot([x0, x1], [y0, y1], color="#8A8A8A", linewidth=0.7 + 4.3 * landmarks / most, alpha=0.75, zorder=2)
+        if len(moved) <= 24:  # away from the middle, where lines cross
             ax.text(
-                x, y, f"{trades} ({moved[pair]})", ha="center", va="center", fontsize=6.0, zorder=3,
+                0.64 * x0 + 0.36 * x1, 0.64 * y0 + 0.36 * y1, f"{count[first, second]} ({landmarks})", ha="center",
+                va="center", fontsize=6.0, zorder=3,
                 bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
             )  # fmt: skip
-        ax.text(
-            0.02, 0.985, "trades (landmarks moved)", transform=ax.transAxes, ha="left", va="top", fontsize=6.5,
-            color=FAINT,
-        )  # fmt: skip
-    size = 6.5 if len(palette) <= 16 else 5.0
-    draw_badges(ax, places, palette, [str(index + 1) for index in range(len(palette))], size=size)
+    for agent, (x, y) in zip(agents, places, strict=True):
+        side = "left" if x > 0.0 else "right"
+        ax.text(1.12 * x, 1.12 * y, agent.name[:18], ha=side, va="center", fontsize=6.5, zorder=3)
+    ax.text(0.01, 0.99, "trades (landmarks moved)", transform=ax.transAxes, va="top", fontsize=6.5, color=FAINT)
+    numbers = [str(index + 1) for index in range(len(agents))]
+    size = 6.5 if len(agents) <= 16 else 4.5
+    draw_badges(ax, places, [agent.colour for agent in agents], numbers, size=size)
+    return figure
+
+
+def _under_way(story: Story) -> list[Motion]:
+    """Return the motions before the vehicles went home."""
+    return [motion for motion in story.motions if motion.time <= story.home]
 
 
 def mission_of(scene: Scene, view: TeamView) -> Mission:

@@ -42,9 +42,15 @@ class TeamView:
 
     Notes
     -----
-    Events of different agents may come in another order than they happened in, and those of an agent that dies may not
-    come at all, so scores on the way are those of what is known; `settle` puts the truth in their place.  The dead see
-    nothing.
+    Events of different agents may come in another order than they happened in.  So a trade or a better pose adds what
+    it gained to the team's score, whatever else is known, and only a death, a return or an adoption makes it that of
+    what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place of everything.
+    The dead see nothing.
+
+    Attributes
+    ----------
+    score : float
+        Team score, eq. (4.5).
     """
 
     def __init__(self, mission: Mission, owner: NDArray[np.int64]) -> None:
@@ -58,13 +64,9 @@ class TeamView:
         self._returned: set[Sender] = set()
         self._living: frozenset[int] = frozenset()
         self.scores = self._all_scores()
+        self.score = self._known_score()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-
-    @property
-    def score(self) -> float:
-        """Team score of those that live, eq. (4.5)."""
-        return float(sum(score for agent, score in enumerate(self.scores) if agent not in self.dead))
 
     def take(self, event: Event) -> None:
         """Note an event."""
@@ -72,17 +74,18 @@ class TeamView:
             case PoseOptimized():
                 self.poses[event.agent] = event.pose
                 self.optimizations += 1
-                self._log("proof" if event.cause is Cause.PROOF else "optimization", event.agent)
+                gain = event.after - event.before
+                self._log("proof" if event.cause is Cause.PROOF else "optimization", event.agent, gain=gain)
             case WaypointAbandoned():
                 self.poses[event.agent] = event.held
-                self._log("abandoned", event.agent)
+                self._log("abandoned", event.agent, gain=event.after - event.before)
             case TradeCommitted():
                 self.poses[event.client], self.poses[event.server] = event.client_pose, event.server_pose
                 before = self.owner.copy()
                 self.owner[event.client_landmarks] = event.client
                 self.owner[event.server_landmarks] = event.server
                 self.trades += 1
-                self._log("trade", event.client, event.server, before=before)
+                self._log("trade", event.client, event.server, before=before, gain=event.after - event.before)
             case LandmarksAdopted():
                 before = self.owner.copy()
                 self.owner[event.records.indices] = event.agent
@@ -113,6 +116,7 @@ class TeamView:
         for agent, pose in poses.items():
             self.poses[agent] = pose
         self.scores = self._all_scores()
+        self.score = self._known_score()
         if abs(self.history[-1].score - self.score) > CLOSE * max(1.0, self.score):
             self.history.append(HistoryEntry("settled", (), self.score))
         else:
@@ -151,11 +155,16 @@ class TeamView:
         """Return the state at the start and now."""
         return (*self.snapshots, self._snapshot("final"))
 
+    def _known_score(self) -> float:
+        return float(sum(score for agent, score in enumerate(self.scores) if agent not in self.dead))
+
     def _all_scores(self) -> NDArray[np.float64]:
         landmarks = self.mission.landmarks
         return agent_scores(team_visibility(self.models, self.poses, landmarks), self.owner, landmarks.weights)
 
-    def _log(self, event: str, *agents: int, before: NDArray[np.int64] | None = None) -> None:
+    def _log(
+        self, event: str, *agents: int, before: NDArray[np.int64] | None = None, gain: float | None = None
+    ) -> None:
         """Score anew whom an event concerns, with those that lost landmarks by it, and put it into the history."""
         concerned = set(agents)
         if before is not None:  # an event that was overtaken by another may take them from anybody
@@ -166,6 +175,7 @@ class TeamView:
             pose = self.poses[agent].as_array()[None, :]
             seen = self.models[agent].visibility(pose, self.mission.landmarks.subset(own))[0]
             self.scores[agent] = float(seen @ weights[own])
+        self.score = self._known_score() if gain is None else self.score + gain
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
 

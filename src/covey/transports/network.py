@@ -249,6 +249,11 @@ def open_session(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         raise NetworkError(f"cannot join the network: {error}") from error
 
 
+def report_refusals() -> None:
+    """Have Zenoh say on standard output whom TLS does not let in, for the rest of the process, unless RUST_LOG is set."""
+    zenoh.init_log_from_env_or("zenoh_link_tls=warn")
+
+
 class Router:
     """Passes on what the agents of a mission say to each other, where they cannot reach each other directly.
 
@@ -278,4 +283,4 @@ class Router:
         self._session.close()
 
 
-__all__ = ["AccessList", "Credentials", "Mode", "NetworkOptions", "Router", "open_session"]
+__all__ = ["AccessList", "Credentials", "Mode", "NetworkOptions", "Router", "open_session", "report_refusals"]

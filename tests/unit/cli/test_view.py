@@ -28,6 +28,8 @@ from websockets.asyncio.client import connect
 
 from covey.cli.view import Live, eyes_of, live
 from covey.mission import load_mission
+from covey.runtime.feed import Ended
+from covey.runtime.mcap_reader import Record
 from covey.runtime.steering import Steering
 from covey.sensing import build_model
 
@@ -128,6 +130,20 @@ def test_ctrl_c_ends_a_paused_run_with_what_it_has(mission: Path) -> None:
     assert "Scene" in {message["type"] for message in messages}
     assert (code, err.count("Traceback")) == (130, 0)
     assert json.loads((mission.parent / "out" / "result.json").read_text())["status"] == "interrupted"
+
+
+def test_processes_are_watched_and_recorded(mission: Path) -> None:
+    with covey("launch", str(mission), "--view", "--out", "out", folder=mission.parent) as watched:
+        messages = watched.visit("Ended")
+        code, err = watched.end()
+    assert (code, err.count("Traceback")) == (0, 0)
+    assert messages[0]["commands"] == []
+    result = json.loads((mission.parent / "out" / "result.json").read_text())
+    with Record(mission.parent / "out") as record:
+        ended = list(record.items())[-1]
+    assert isinstance(ended, Ended)
+    assert (ended.status, ended.holds) == ("settled", True)
+    assert messages[-1]["score"] == pytest.approx(ended.score) == pytest.approx(result["score"]["final"])
 
 
 def test_a_team_to_play_with(mission: Path) -> None:

@@ -23,7 +23,7 @@ from covey.protocol import (
     TradeCommitted,
     TradeId,
 )
-from covey.runtime.feed import Activity, ChangeKind, Health, Run, Scene, TeamChange, TeamState, Update
+from covey.runtime.feed import Activity, ChangeKind, Ended, Health, Run, Scene, TeamChange, TeamState, Update
 from covey.runtime.network_telling import NetworkTeller
 from covey.runtime.observer import Content, Observer
 from covey.runtime.view import TeamView
@@ -110,6 +110,17 @@ def test_what_is_heard_at_once_is_told_change_by_change(network: Network) -> Non
     np.testing.assert_allclose(network.view.poses[0, :2], [0.3, 0.0])
 
 
+def test_each_of_several_trades_says_how_many_landmarks_moved(network: Network) -> None:
+    pose, n = Pose2(0.0, 0.0, 0.0), len(network.mission.landmarks)
+    all_of_them, none = np.arange(n), np.arange(0)
+    trades = [
+        TradeCommitted(TradeId(0, other, 1), 0, other, pose, pose, all_of_them, none, moved, 0.0, 1.0)
+        for other, moved in ((1, 3), (2, 5))
+    ]
+    texts = [item.text for item in network.hear(*trades) if isinstance(item, TeamChange)]
+    assert ["3 landmarks" in texts[0], "5 landmarks" in texts[1]] == [True, True]
+
+
 def test_silence_is_seen_even_if_nobody_speaks(network: Network) -> None:
     network.hear(beat(0), beat(1, quiescent=True))
     assert network.view.activity.tolist() == [Activity.IDLE, Activity.QUIESCENT, Activity.GONE]
@@ -136,6 +147,14 @@ def test_death_adoption_and_return(network: Network) -> None:
     told = network.hear(beat(1), AgentReturned(0, Sender(1, 2)))
     assert [item.kind for item in told if isinstance(item, TeamChange)] == [ChangeKind.RETURN]
     assert network.view.activity[1] == Activity.IDLE
+
+
+def test_the_end_is_told_with_the_state(network: Network) -> None:
+    network.hear(beat(0))
+    network.teller.end("settled", True)
+    state, ended = network.told[-2:]
+    assert isinstance(state, TeamState)
+    assert ended == Ended(network.now, "settled", True, float(state.scores.sum()))
 
 
 def test_what_the_team_agreed_on_replaces_what_events_told(network: Network) -> None:
