@@ -167,7 +167,7 @@ export class WorldMap {
       drawRegions(context, view, world, inks, selection.agent);
       drawObstacles(context, view, state.obstacles, inks);
     }
-    if (!this.bare) this.trails.draw(context, view, world, session.timeline?.paths ?? [], selection.agent, session.x, this.look, inks, stale);
+    if (!this.bare) this.trails.draw(context, view, world, session.timeline?.paths ?? [], state.flown === null, selection.agent, session.x, this.look, inks, stale);
     if (stale) {
       if (this.numbersShown) {
         drawPartitionNumbers(context, view, world, state, this.font);

@@ -80,7 +80,7 @@ export function drawObstacles(context: CanvasRenderingContext2D, view: View, obs
   }
 }
 
-/** Of more agents at once the jumps of a plan would hide the map. */
+/** Of more agents at once the jumps from waypoint to waypoint would hide the map. */
 const JUMPS_UP_TO = 8;
 
 /** The paths flown, drawn on as they grow. */
@@ -90,13 +90,12 @@ export class Trails {
   private upTo = -Infinity;
   private done: number[] = [];
 
-  /** Draw up to x; what is there already stays unless the view changed or x went back. */
-  draw(context: CanvasRenderingContext2D, view: View, world: World, paths: Path[], selected: number, x: number, look: number, inks: Inks, cleared: boolean): void {
+  /** Draw up to x; what is there already stays unless the view changed or x went back. `jumps`: nothing flies. */
+  draw(context: CanvasRenderingContext2D, view: View, world: World, paths: Path[], jumps: boolean, selected: number, x: number, look: number, inks: Inks, cleared: boolean): void {
     if (cleared || this.drawnView !== view.revision || this.drawnLook !== look || x < this.upTo) this.done = [];
     this.drawnView = view.revision;
     this.drawnLook = look;
     this.upTo = x;
-    const jumps = world.scene.run === "plan";
     paths.forEach((path, agent) => {
       if (jumps && paths.length > JUMPS_UP_TO && agent !== selected) return;
       const last = lastAtOrBefore(path.x, x);
@@ -108,7 +107,6 @@ export class Trails {
       context.moveTo(view.x(points[3 * from]), view.y(points[3 * from + 1]));
       for (let i = from + 1; i <= last; i++) context.lineTo(view.x(points[3 * i]), view.y(points[3 * i + 1]));
       if (jumps) {
-        // jumps from waypoint to waypoint, where nothing flew
         context.setLineDash([2, 4]);
         context.strokeStyle = withAlpha(inks.ink, 0.6);
         context.lineWidth = 1.3;
