@@ -47,7 +47,7 @@ images: setup  ## draw the pictures of the documentation anew; needs Chromium
 	$(BIN)/covey fly examples/thesis-5.1.yaml --out build/images-flight --quiet --force
 	cp build/images-flight/flight.png docs/images/flight.png
 	$(BIN)/covey heatmap --out docs/images/visibility.png --force
-	$(BIN)/python docs/images/playground.py
+	$(BIN)/python -m tests.browser.pictures
 
 web: setup  ## build the Playground's page from its sources; needs Node.js and npm
 	$(BIN)/python -m covey.playground.typescript > $(WEB)/src/messages.ts

@@ -227,7 +227,7 @@ def test_flights_show_their_vehicles_and_paths(show: Show, serve: Serve, flown: 
         "#",
         "name",
         "state",
-        "cells",
+        "owns",
         "score",
         "m/s",
         "battery",

@@ -21,7 +21,7 @@ for (const file of ["index.html", "style.css"]) cpSync(join(here, file), join(ou
 
 const sources = readdirSync(here, { recursive: true, withFileTypes: true })
   .filter((entry) => entry.isFile())
-  .map((entry) => relative(here, join(entry.parentPath, entry.name)).replaceAll("\\", "/"))
+  .map((entry) => relative(here, join(entry.parentPath ?? entry.path, entry.name)).replaceAll("\\", "/"))
   .filter((name) => !name.startsWith("node_modules/"))
   .sort();
 const sha256 = (data) => createHash("sha256").update(data).digest("hex");

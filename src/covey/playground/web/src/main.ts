@@ -170,7 +170,7 @@ async function toggle3d(): Promise<void> {
 }
 
 /** Of many agents at once they would hide the map. */
-const FIELDS_UP_TO = 16;
+const FIELDS_UP_TO = 12;
 let fieldsChosen = false;
 
 function showFields(shown: boolean): void {
@@ -207,7 +207,7 @@ function drawFrame(now: number): void {
   }
   const moving = session.x !== drawnX;
   drawnX = session.x;
-  if (stale || moving || session.dirty.all || session.dirty.cells.length) {
+  if (stale || moving || session.dirty.all || session.dirty.cells.length || map.unfinished) {
     stale = false;
     frames++;
     if (projector.active) projector.draw();

@@ -37,6 +37,7 @@ export class WorldMap {
   private sceneryKey = "";
   private numbersAt = 0;
   private numbersStale = true;
+  private numbersShown = false;
   private mission = "";
 
   constructor(
@@ -64,13 +65,9 @@ export class WorldMap {
     this.look++;
   }
 
-  get cellBitmap(): OffscreenCanvas | null {
-    return this.cells?.texture ?? null;
-  }
-
-  /** Bring the cells' bitmap up to date without drawing the map. */
-  paintCells(state: State): void {
-    this.cells?.paint(state, null, null);
+  /** Whether something is still to be drawn that need not be drawn in every frame. */
+  get unfinished(): boolean {
+    return this.numbersStale && this.numbersShown;
   }
 
   resize(width: number, height: number, ratio: number): void {
@@ -158,7 +155,8 @@ export class WorldMap {
     const { view, inks } = this;
     const numbered = world.cellSize * view.scale >= 15 && !this.seen;
     const now = performance.now();
-    const numbersDue = !numbered && this.numbersStale && now - this.numbersAt > NUMBERS_EVERY;
+    this.numbersShown = !numbered && !this.seen;
+    const numbersDue = this.numbersShown && this.numbersStale && now - this.numbersAt > NUMBERS_EVERY;
     const key = `${view.revision} ${this.look} ${state.obstacles.length} ${this.scenes}`;
     const stale = key !== this.sceneryKey || numbersDue || this.trails.stale(view, session.x, this.look);
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
@@ -169,9 +167,9 @@ export class WorldMap {
       drawRegions(context, view, world, inks, selection.agent);
       drawObstacles(context, view, state.obstacles, inks);
     }
-    if (!this.bare) this.trails.draw(context, view, world, session.timeline?.paths ?? [], session.x, this.look, inks, stale);
+    if (!this.bare) this.trails.draw(context, view, world, session.timeline?.paths ?? [], state.flown === null, selection.agent, session.x, this.look, inks, stale);
     if (stale) {
-      if (!numbered && !this.seen) {
+      if (this.numbersShown) {
         drawPartitionNumbers(context, view, world, state, this.font);
         this.numbersAt = now;
         this.numbersStale = false;

@@ -39,7 +39,7 @@ interface Column {
 }
 
 const COLUMNS: Column[] = [
-  { key: "landmarks", head: "cells", title: "landmarks that it watches", shown: () => true, text: (_s, a, counts) => String(counts[a]) },
+  { key: "landmarks", head: "owns", title: "landmarks that it watches", shown: () => true, text: (_s, a, counts) => String(counts[a]) },
   { key: "score", head: "score", title: "its share of the team score", shown: () => true, text: (s, a) => number(s.scores[a], 2) },
   { key: "speed", head: "m/s", title: "speed", shown: (s) => s.velocities !== null, text: (s, a) => number(speedOf(s, a), 1) },
   { key: "battery", head: "battery", title: "what is left of its battery", shown: (s) => s.battery !== null, text: (s, a) => percent(s.battery?.[a] ?? NaN) },

@@ -80,6 +80,9 @@ export function drawObstacles(context: CanvasRenderingContext2D, view: View, obs
   }
 }
 
+/** Of more agents at once the jumps from waypoint to waypoint would hide the map. */
+const JUMPS_UP_TO = 8;
+
 /** The paths flown, drawn on as they grow. */
 export class Trails {
   private drawnView = -1;
@@ -87,13 +90,14 @@ export class Trails {
   private upTo = -Infinity;
   private done: number[] = [];
 
-  /** Draw up to x; what is there already stays unless the view changed or x went back. */
-  draw(context: CanvasRenderingContext2D, view: View, world: World, paths: Path[], x: number, look: number, inks: Inks, cleared: boolean): void {
+  /** Draw up to x; what is there already stays unless the view changed or x went back. `jumps`: nothing flies. */
+  draw(context: CanvasRenderingContext2D, view: View, world: World, paths: Path[], jumps: boolean, selected: number, x: number, look: number, inks: Inks, cleared: boolean): void {
     if (cleared || this.drawnView !== view.revision || this.drawnLook !== look || x < this.upTo) this.done = [];
     this.drawnView = view.revision;
     this.drawnLook = look;
     this.upTo = x;
     paths.forEach((path, agent) => {
+      if (jumps && paths.length > JUMPS_UP_TO && agent !== selected) return;
       const last = lastAtOrBefore(path.x, x);
       let from = this.done[agent] ?? 0;
       if (from > last) from = 0;
@@ -102,8 +106,7 @@ export class Trails {
       context.beginPath();
       context.moveTo(view.x(points[3 * from]), view.y(points[3 * from + 1]));
       for (let i = from + 1; i <= last; i++) context.lineTo(view.x(points[3 * i]), view.y(points[3 * i + 1]));
-      if (world.scene.run === "plan") {
-        // jumps from waypoint to waypoint, where nothing flew
+      if (jumps) {
         context.setLineDash([2, 4]);
         context.strokeStyle = withAlpha(inks.ink, 0.6);
         context.lineWidth = 1.3;
