@@ -333,7 +333,7 @@ class _Launch:
             living = observer.living
             if self._all_there is None and len(living) == len(self._names):
                 self._all_there = self._time
-            view = observer.view
+            view = observer.team
             stage = "starting" if self._all_there is None else "trading"
             self._on_progress(Progress(stage, view.score, view.trades))
             if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
@@ -407,7 +407,7 @@ class _Launch:
     # What came out.
 
     def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
-        view = observer.view
+        view = observer.team
         mission = view.present()
         poses, sets = tuple(view.poses), view.sets()
         certificate = None

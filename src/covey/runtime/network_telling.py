@@ -34,15 +34,15 @@ class NetworkTeller(Teller):
     """
 
     def __init__(self, watch: Watcher, observer: Observer, *, dead_after: float) -> None:
-        mission, view = observer.mission, observer.view
-        super().__init__(watch, describe(mission, view.models, run=Run.NETWORK, software=software_versions()))
+        mission, team = observer.mission, observer.team
+        super().__init__(watch, describe(mission, team.models, run=Run.NETWORK, software=software_versions()))
         m = len(mission.agents)
         self._observer = observer
         self._names = [agent.name for agent in mission.agents]
         self._dead_after = dead_after
         self._heard = np.full(m, np.nan)
         self._quiescent = np.zeros(m, dtype=np.bool_)
-        self._entries = len(view.history)
+        self._entries = len(team.history)
         self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
         self._healthy_at = -math.inf
         self.tell(self.scene)
@@ -64,7 +64,7 @@ class NetworkTeller(Teller):
 
     def update(self) -> None:
         """Tell what is new, also when nothing was heard."""
-        team = self._observer.view
+        team = self._observer.team
         self._tell_history(as_heard=False)
         if not np.array_equal(team.owner, self.view.owner) or not np.array_equal(self._poses(), self.view.poses):
             self.state(self._state())  # what the team agreed on is not quite what events told
@@ -72,7 +72,7 @@ class NetworkTeller(Teller):
 
     def _tell_history(self, *, as_heard: bool) -> None:
         """Tell new entries of the history; what is heard together is in it before any of it is heard here."""
-        now, team = self._observer.time, self._observer.view
+        now, team = self._observer.time, self._observer.team
         while self._entries < len(team.history):
             entry = team.history[self._entries]
             counts = self._moved.get(entry.event)
@@ -104,20 +104,20 @@ class NetworkTeller(Teller):
         activity = np.where(self._quiescent, Activity.QUIESCENT, Activity.IDLE).astype(np.uint8)
         activity[silence > SILENT * self._dead_after] = Activity.SUSPECT
         activity[silence > self._dead_after] = Activity.DEAD
-        activity[list(self._observer.view.dead)] = Activity.DEAD
+        activity[list(self._observer.team.dead)] = Activity.DEAD
         activity[np.isnan(self._heard)] = Activity.GONE
         return activity
 
     def _poses(self) -> NDArray[np.float64]:
-        return pose_rows(self._observer.view.poses, np.zeros(len(self._names)))
+        return pose_rows(self._observer.team.poses, np.zeros(len(self._names)))
 
     def _scores(self) -> NDArray[np.float64]:
-        scores = self._observer.view.scores.copy()
-        scores[list(self._observer.view.dead)] = 0.0
+        scores = self._observer.team.scores.copy()
+        scores[list(self._observer.team.dead)] = 0.0
         return scores
 
     def _state(self) -> TeamState:
-        team = self._observer.view
+        team = self._observer.team
         return TeamState(
             self._observer.time,
             team.owner.astype(np.int32),

@@ -17,9 +17,9 @@ from covey.protocol import Event, Heartbeat, LandmarkRecords, Map, MembershipOpt
 from covey.protocol.adoption import map_digest, orphans
 from covey.protocol.outputs import LandmarksAdopted
 from covey.protocol.records import INCARNATION, OWNER, RecordSlice
+from covey.runtime.observed_team import ObservedTeam
 from covey.runtime.remote_agent import NETWORK_TIMES
 from covey.runtime.team import initial_owners
-from covey.runtime.team_view import TeamView
 
 Content: TypeAlias = Heartbeat | Event | Map
 
@@ -80,7 +80,7 @@ class Observer:
 
     Attributes
     ----------
-    view : TeamView
+    team : ObservedTeam
         Poses, owners, scores and history, as told by events.
     longest_unowned : float
         The longest time between the last heartbeat of a landmark's owner and the news of another owner, seconds: no
@@ -102,7 +102,7 @@ class Observer:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.mission = mission
-        self.view = TeamView(mission, initial_owners(mission, mission.seed))
+        self.team = ObservedTeam(mission, initial_owners(mission, mission.seed))
         self.longest_unowned = 0.0
         self._access = access
         self._dead_after = times.dead_after
@@ -162,7 +162,7 @@ class Observer:
         for item in news:
             if isinstance(item.content, Heartbeat):
                 self._hear(item.content, item.time)
-        self.view.set_living(self.living)
+        self.team.set_living(self.living)
         for item in news:
             self._take(item)
         digest = self._agreed(self.living)
@@ -182,13 +182,13 @@ class Observer:
         )
 
     def settle(self) -> bool:
-        """Put the agreed map into the view; whether there is one."""
+        """Put the agreed map into the team; whether there is one."""
         known = self.final_map
         if known is None:
             return False
         owner = known.records.values[:, OWNER].copy()
         poses: dict[int, Pose2] = {agent: record.pose for agent, record in known.poses.items()}
-        self.view.settle(owner, poses)
+        self.team.settle(owner, poses)
         return True
 
     def _hear(self, heartbeat: Heartbeat, now: float) -> None:
@@ -208,7 +208,7 @@ class Observer:
         elif not isinstance(content, Heartbeat):
             if isinstance(content, LandmarksAdopted):
                 self._learn(content.records, item.time)
-            self.view.take(content)
+            self.team.take(content)
 
     def _learn(self, records: RecordSlice, now: float) -> None:
         """Merge records, and note for how long the landmarks that changed hands had been without an owner."""

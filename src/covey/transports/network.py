@@ -250,7 +250,10 @@ def open_session(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
 
 
 def report_refusals() -> None:
-    """Have Zenoh say on standard output whom TLS does not let in, for the rest of the process, unless RUST_LOG is set."""
+    """Have Zenoh say on standard output whom TLS does not let in, for the rest of the process.
+
+    RUST_LOG, where it is set, decides instead.
+    """
     zenoh.init_log_from_env_or("zenoh_link_tls=warn")
 
 

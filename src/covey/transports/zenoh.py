@@ -79,17 +79,6 @@ class ZenohTransport:
         self._session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
         self._session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
         self._session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
-        self._state = self._session.declare_publisher(
-            f"{self._prefix}/state/{agent}",
-            congestion_control=zenoh.CongestionControl.DROP,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
-        self._log = self._session.declare_publisher(
-            f"{self._prefix}/log/{agent}",
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.DATA_LOW,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
             f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
@@ -158,10 +147,10 @@ class ZenohTransport:
     def show_map(self, known: Map) -> None:
         """Tell the observers that asked what this agent knows."""
         with self._lock:
-            queries, self._maps = self._maps, []
-            number = self._next_number()
-        data = self._codec.encode(known, sender=known.sender, to=EVERYBODY, number=number)
-        for query in queries:
+            queries = [(query, self._next_number()) for query in self._maps]
+            self._maps = []
+        for query, number in queries:
+            data = self._codec.encode(known, sender=known.sender, to=EVERYBODY, number=number)
             with query:
                 try:
                     query.reply(f"{self._prefix}/map/{self.agent}", data)
@@ -190,11 +179,17 @@ class ZenohTransport:
 
     def publish(self, heartbeat: Heartbeat) -> None:
         """Publish the newest state to all others that listen; under congestion it may be lost, so repeat it."""
-        self._put(self._state, heartbeat.sender, heartbeat)
+        self._put(f"{self._prefix}/state/{self.agent}", heartbeat.sender, heartbeat, zenoh.CongestionControl.DROP, None)
 
     def log(self, event: Event) -> None:
         """Publish an event to observers; waits while one of them is slow, and Zenoh gives it up after 5 s."""
-        self._put(self._log, self.sender, event)
+        self._put(
+            f"{self._prefix}/log/{self.agent}",
+            self.sender,
+            event,
+            zenoh.CongestionControl.BLOCK,
+            zenoh.Priority.DATA_LOW,
+        )
 
     def receive(self) -> list[Message]:
         """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
@@ -223,14 +218,29 @@ class ZenohTransport:
         self._number += 1
         return self._number
 
-    def _put(self, publisher: zenoh.Publisher, sender: Sender, content: Heartbeat | Event) -> None:
+    def _put(
+        self,
+        key: str,
+        sender: Sender,
+        content: Heartbeat | Event,
+        congestion: zenoh.CongestionControl,
+        priority: zenoh.Priority | None,
+    ) -> None:
         with self._lock:
             if self._closed:
                 return
             number = self._next_number()
         data = self._codec.encode(content, sender=sender, to=EVERYBODY, number=number)
         try:
-            publisher.put(data)
+            # The key in full, not a declared publisher's: the number that stands for that on the wire has been seen to
+            # mean another key after a process was stopped for longer than the lease and its link was made anew.
+            self._session.put(
+                key,
+                data,
+                congestion_control=congestion,
+                priority=priority,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
         except zenoh.ZError:
             self._count("unsent")
 
@@ -297,7 +307,6 @@ class ZenohTransport:
                 self._superseded |= incarnation > self.sender.incarnation and sample.kind == zenoh.SampleKind.PUT
             elif incarnation >= self._tokens.get(agent, (-1, False))[0]:
                 self._tokens[agent] = incarnation, sample.kind == zenoh.SampleKind.PUT
-        self._inbox.wake()
 
     def _on_any_token(self, sample: zenoh.Sample) -> None:
         prefix = str(sample.key_expr).partition("/alive/")[0]

@@ -82,7 +82,7 @@ def test_scene_and_state_come_first(network: Network) -> None:
     assert isinstance(scene, Scene)
     assert scene.run is Run.NETWORK
     assert isinstance(state, TeamState)
-    np.testing.assert_array_equal(state.owner, network.observer.view.owner)
+    np.testing.assert_array_equal(state.owner, network.observer.team.owner)
     assert set(state.activity) == {Activity.GONE}
 
 
@@ -98,9 +98,9 @@ def test_events_become_changes(network: Network) -> None:
     told = network.hear(TradeCommitted(TradeId(1, 0, 1), 1, 0, pose, moved, halves[0], halves[1], n, 0.0, 1.0))
     (change,) = (item for item in told if isinstance(item, TeamChange))
     assert (change.kind, change.agents) == (ChangeKind.TRADE, (1, 0))
-    np.testing.assert_array_equal(network.view.owner, network.observer.view.owner)
+    np.testing.assert_array_equal(network.view.owner, network.observer.team.owner)
     assert network.view.trades == 1
-    assert network.view.score == pytest.approx(network.observer.view.score)
+    np.testing.assert_allclose(network.view.scores, network.observer.team.scores)
 
 
 def test_what_is_heard_at_once_is_told_change_by_change(network: Network) -> None:
@@ -137,7 +137,7 @@ def test_silence_is_seen_even_if_nobody_speaks(network: Network) -> None:
 def test_death_adoption_and_return(network: Network) -> None:
     network.hear(beat(0), beat(1), beat(2))
     network.hear(after=1.1 * DEAD_AFTER)
-    own = np.flatnonzero(network.observer.view.owner == 1)
+    own = np.flatnonzero(network.observer.team.owner == 1)
     values = np.tile(np.array([2, 1, 0, 1], dtype=np.int64), (len(own), 1))
     told = network.hear(beat(0), beat(2), AgentBuried(0, 1), LandmarksAdopted(0, RecordSlice(own, values)))
     kinds = [item.kind for item in told if isinstance(item, TeamChange)]
@@ -158,8 +158,8 @@ def test_the_end_is_told_with_the_state(network: Network) -> None:
 
 
 def test_what_the_team_agreed_on_replaces_what_events_told(network: Network) -> None:
-    owner = (network.observer.view.owner + 1) % 3
-    network.observer.view.settle(owner, {0: Pose2(1.0, 1.0, 0.0)})
+    owner = (network.observer.team.owner + 1) % 3
+    network.observer.team.settle(owner, {0: Pose2(1.0, 1.0, 0.0)})
     told = network.hear()
     assert any(isinstance(item, TeamState) for item in told)
     np.testing.assert_array_equal(network.view.owner, owner)

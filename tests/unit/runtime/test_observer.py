@@ -28,9 +28,9 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.protocol.adoption import map_digest
+from covey.runtime.observed_team import ObservedTeam
 from covey.runtime.observer import Content, Heard, Observer
 from covey.runtime.remote_agent import NETWORK_TIMES
-from covey.runtime.team_view import TeamView
 
 DEAD_AFTER = NETWORK_TIMES.dead_after
 
@@ -101,7 +101,7 @@ def test_over_means_quiescent_with_one_map_that_was_fetched(observer: Observer, 
     observer.step(0.1)
     assert observer.over
     assert observer.settle()
-    assert np.array_equal(observer.view.owner, np.arange(len(mission.landmarks)) % 3)
+    assert np.array_equal(observer.team.owner, np.arange(len(mission.landmarks)) % 3)
     wire.said = [beat(1, 2, b"", quiescent=False)]
     observer.step(0.1)
     assert not observer.over
@@ -177,13 +177,13 @@ def test_whoever_subscribes_hears_everything_in_order(observer: Observer, wire: 
     assert {item.time for item in heard} == {0.5}
 
 
-def view_of(mission: Mission) -> TeamView:
-    view = TeamView(mission, np.arange(len(mission.landmarks)) % 3)
+def view_of(mission: Mission) -> ObservedTeam:
+    view = ObservedTeam(mission, np.arange(len(mission.landmarks)) % 3)
     view.set_living(range(3))
     return view
 
 
-def recomputed(view: TeamView) -> list[float]:
+def recomputed(view: ObservedTeam) -> list[float]:
     return [
         0.0
         if i in view.dead

@@ -31,7 +31,7 @@ CLOSE = 1e-9
 """Relative difference of two scores that are the same."""
 
 
-class TeamView:
+class ObservedTeam:
     """What an observer knows of a team.
 
     Parameters
@@ -44,8 +44,8 @@ class TeamView:
     -----
     Events of different agents may come in another order than they happened in.  So a trade or a better pose adds what
     it gained to the team's score, whatever else is known, and only a death, a return or an adoption makes it that of
-    what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place of everything.
-    The dead see nothing.
+    what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place of
+    everything.  The dead see nothing.
 
     Attributes
     ----------
