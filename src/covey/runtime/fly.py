@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.coverage import agent_scores, team_visibility
-from covey.errors import InputError
+from covey.errors import ArgumentError, InputError
 from covey.flight.layout import P
 from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
-from covey.runtime.airspace import clear_region, without_disc
+from covey.runtime.airspace import clear_region, cylinder, without_disc
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.plan import PlanRun, plan, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.steering import AddObstacle, Kill, Request, Steering
 from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet
 from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
@@ -85,6 +86,7 @@ def fly(
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Flight:
     """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
 
@@ -101,6 +103,8 @@ def fly(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it, set its speed, let vehicles fail and put obstacles in their way.
 
     Returns
     -------
@@ -119,7 +123,10 @@ def fly(
     kind = Kind(vehicles)
     if seed is not None:
         mission = mission.with_seed(seed)
-    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()
+    sortie = _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch)
+    if steering is not None:
+        sortie.let_steer(steering)
+    return sortie.fly()
 
 
 class _Sortie:
@@ -194,6 +201,12 @@ class _Sortie:
             tuple(self._moments),
         )
 
+    def let_steer(self, steering: Steering) -> None:
+        """From now on do what others ask for."""
+        steering.measure(lambda: self.fleet.time, 0.1)
+        steering.offer(Kill, AddObstacle)
+        self.run.steering = steering
+
     # Travel
 
     def go_to(self, agent: int, pose: Pose2) -> None:
@@ -233,6 +246,9 @@ class _Sortie:
         now = self.fleet.time
         while self._faults and self._faults[0].at <= now:
             self._fail()
+        if self.run.steering is not None:
+            for request in self.run.steering.take():
+                self._grant(request)
         for agent in list(self._deadlines):
             if self.fleet.reached(agent):
                 del self._deadlines[agent]
@@ -280,13 +296,34 @@ class _Sortie:
             self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
-            self._obstacles.append(fault.obstacle)
-            self._appeared.append(self.fleet.time)
-            self.fleet.add_obstacle(fault.obstacle)
-            if self._teller is not None:
-                self._teller.appeared(fault.obstacle)
-            self._note("fault", [], "an obstacle appears")
-            self._check_waypoints()
+            self._appear(fault.obstacle)
+
+    def _appear(self, obstacle: Obstacle) -> None:
+        self._obstacles.append(obstacle)
+        self._appeared.append(self.fleet.time)
+        self.fleet.add_obstacle(obstacle)
+        if self._teller is not None:
+            self._teller.appeared(obstacle)
+        self._note("fault", [], "an obstacle appears")
+        self._check_waypoints()
+
+    def _grant(self, request: Request) -> None:
+        """Do what a visitor asks for, or say why not."""
+        match request.command:
+            case Kill(agent):
+                if not 0 <= agent < self.fleet.n or agent in self.fleet.lost:
+                    request.refuse("agent: expected one that still flies")
+                else:
+                    self.fleet.lose(agent, "was switched off")
+            case AddObstacle(x, y, radius, height):
+                room = radius + self.fleet.required_separation
+                if any(math.hypot(x - row[P], y - row[P + 1]) < room for row in self.fleet.state):
+                    request.refuse(f"obstacle: expected {room:.2f} m between its centre and each vehicle")
+                    return
+                try:
+                    self._appear(cylinder(x, y, radius, height))
+                except ArgumentError as error:
+                    request.refuse(str(error))
 
     def _check_waypoints(self) -> None:
         """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
@@ -318,6 +355,8 @@ class _Sortie:
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
+        if self._teller is not None:
+            self._teller.note(self.fleet.time, "landing", range(self.fleet.n), "all fly home and land")
         counts = self._reached, self._missed
         flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
         for agent in flying:

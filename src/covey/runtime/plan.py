@@ -25,6 +25,7 @@ from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.steering import Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team, Travel
 from covey.runtime.telling import TeamTeller, describe
@@ -47,6 +48,7 @@ def plan(
     baseline: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Deployment:
     """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
 
@@ -67,6 +69,8 @@ def plan(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it and set its speed.
 
     Returns
     -------
@@ -95,6 +99,8 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
+    if steering is not None:
+        run.steering, watch = steering, steering.counting(watch)
     if watch is not None:
         scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
         run.teller = TeamTeller(watch, run.team, scene)
@@ -131,6 +137,7 @@ class PlanRun:
         )
         self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
         self.teller: TeamTeller | None = None
+        self.steering: Steering | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
@@ -258,7 +265,12 @@ class PlanRun:
         self.report("proving", fraction=done / of)
 
     def report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
-        """Tell how far the run is, when it is time to."""
+        """Tell how far the run is, when it is time to, and wait while others hold it."""
+        self._report(stage, fraction, force=force)
+        if self.steering is not None:
+            self.steering.hold(lambda: self._report(stage, fraction, force=False))
+
+    def _report(self, stage: str, fraction: float | None, *, force: bool) -> None:
         now = time.monotonic()
         if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
             self._reported = now

@@ -63,7 +63,7 @@ def build_simulator(
     return MujocoSimulator(vehicles, positions_W, yaws, obstacles=obstacles, wind=air, noise=errors, rng=rng)
 
 
-def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Fleet:
+def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False, log_every: float = LOG_EVERY) -> Fleet:
     """Build the fleet of a mission, one vehicle an agent, standing at the agents' starting poses."""
     spec = mission.flight
     vehicle = load_vehicle(spec.vehicle)
@@ -83,6 +83,6 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
         navigator=Navigator(vehicles, spec.obstacles, options),
         kind=kind,
         arrival=Arrival(spec.arrival_position, spec.arrival_yaw),
-        log_every=LOG_EVERY,
+        log_every=log_every,
         realtime=realtime,
     )
