@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from covey.cli.interrupt import Interruption
+from covey.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -105,8 +106,12 @@ def live(
     ------
     NetworkError
         If the port is taken.
+    InputError
+        If one of the other options is given without ``--view``.
     """
     if not view:
+        if port or open_page or speed is not None or host != "127.0.0.1":
+            raise InputError("--port, --host, --open and --speed belong to the page: expected --view with them")
         yield Live()
         return
 

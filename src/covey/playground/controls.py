@@ -43,7 +43,7 @@ class Controls:
 
     def knows(self, token: str) -> bool:
         """Whether this is the token."""
-        return secrets.compare_digest(token.encode(), self.token.encode())
+        return secrets.compare_digest(token.encode("utf-8", "surrogatepass"), self.token.encode())
 
     def ask(self, asked: Asked, refused: Callable[[Refused], object]) -> None:
         """Pass a command on; `refused` is called, from any thread, if it is not carried out."""

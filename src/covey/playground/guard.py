@@ -35,6 +35,9 @@ HEADERS = {
 }
 
 
+REFUSAL = "covey answers its own page only: call it by an address, or by the name that --host gave it.\n"
+
+
 class Guard:
     """ASGI middleware that refuses requests of other origins and by other names, and adds `HEADERS`.
 
@@ -59,7 +62,7 @@ class Guard:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})  # before it is accepted: HTTP 403
         else:
-            await PlainTextResponse("covey answers its own page only.\n", 403)(scope, receive, _with_headers(send))
+            await PlainTextResponse(REFUSAL, 403)(scope, receive, _with_headers(send))
 
     def _welcome(self, headers: Headers) -> bool:
         host, origin = headers.get("host", ""), headers.get("origin")

@@ -149,7 +149,7 @@ def encode(message: Message) -> str:
     '{"type":"BoundFound","time":1.5,"bound":null}'
     """
     document = {"type": type(message).__name__, **_plain_fields(message)}
-    return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return json.dumps(document, separators=(",", ":"), allow_nan=False)
 
 
 def _plain_fields(message: Any) -> dict[str, Any]:

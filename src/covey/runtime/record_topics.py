@@ -34,7 +34,7 @@ MANY = 5000
 """With more landmarks than these the cells are written with each `TeamState` only, not after every change."""
 
 ODOMETRY_EVERY = 0.1
-"""Seconds between two odometries of a vehicle."""
+"""Seconds between two odometries of a vehicle, and two transforms; `Motion`s are written as often as they come."""
 
 GREY, WHITE, INK = "#bdbdbd", "#ffffff", "#1f2328"
 
@@ -134,11 +134,11 @@ class StandardTopics:
         self._markers("/covey/vehicles", now, bodies)
 
     def _motion(self, motion: Motion, now: int) -> None:
-        poses = motion.poses.tolist()
-        self._put("/tf", ros.TRANSFORMS, self._transforms.pack(now, poses), False)
         if motion.time < self._odometry_due:
             return
         self._odometry_due = motion.time + 0.9 * ODOMETRY_EVERY
+        poses = motion.poses.tolist()
+        self._put("/tf", ros.TRANSFORMS, self._transforms.pack(now, poses), False)
         velocities_B = into_body(motion.poses[:, 3:], motion.velocities_W)
         twists = np.concatenate([velocities_B, motion.rates_B], axis=1).tolist()
         for name, message, pose, twist in zip(self._names, self._odometry, poses, twists, strict=True):

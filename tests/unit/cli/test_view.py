@@ -27,6 +27,7 @@ from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
 from covey.cli.view import Live, eyes_of, live
+from covey.errors import InputError
 from covey.mission import load_mission
 from covey.runtime.feed import Ended
 from covey.runtime.mcap_reader import Record
@@ -110,14 +111,18 @@ def covey(*arguments: str, folder: Path) -> Iterator[Watched]:
             process.kill()
 
 
+def score_of(messages: list[dict[str, Any]]) -> float:
+    """The score in the end, as the page is told."""
+    return float(next(message["score"] for message in messages if message["type"] == "Ended"))
+
+
 def test_a_plan_is_watched_while_it_runs(mission: Path) -> None:
     with covey("plan", str(mission), "--view", "--speed", "4", "--out", "out", folder=mission.parent) as watched:
         messages = watched.visit("Ended")
         code, err = watched.end()
     assert (code, err.count("Traceback")) == (0, 0)
     result = json.loads((mission.parent / "out" / "result.json").read_text())
-    assert messages[-1]["type"] == "Ended"
-    assert messages[-1]["score"] == pytest.approx(result["score"]["final"])
+    assert score_of(messages) == pytest.approx(result["score"]["final"])
     assert messages[0]["commands"] == ["pause", "resume", "step", "speed"]
     assert messages[0]["may_steer"] is True
 
@@ -143,7 +148,7 @@ def test_processes_are_watched_and_recorded(mission: Path) -> None:
         ended = list(record.items())[-1]
     assert isinstance(ended, Ended)
     assert (ended.status, ended.holds) == ("settled", True)
-    assert messages[-1]["score"] == pytest.approx(ended.score) == pytest.approx(result["score"]["final"])
+    assert score_of(messages) == pytest.approx(ended.score) == pytest.approx(result["score"]["final"])
 
 
 def test_a_team_to_play_with(mission: Path) -> None:
@@ -194,9 +199,19 @@ def test_other_hosts_are_warned_of(mission: Path, capsys: pytest.CaptureFixture[
     err = capsys.readouterr().err
     assert "watch at http://127.0.0.1:" in err
     assert "unencrypted" in err
-    with live(False, mission=loaded, host="0.0.0.0", **options) as shown:
+    with live(False, mission=loaded, host="127.0.0.1", **options) as shown:
         assert shown == Live()
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("option", [{"port": 8000}, {"host": "0.0.0.0"}, {"open_page": True}, {"speed": 2.0}])
+def test_options_of_the_page_need_the_page(mission: Path, option: dict[str, Any]) -> None:
+    options: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "open_page": False} | option
+    with (
+        pytest.raises(InputError, match="expected --view"),
+        live(False, mission=load_mission(mission), usual=1.0, **options),
+    ):
+        pass
 
 
 def test_the_page_stays_until_ctrl_c_only_where_somebody_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -194,6 +194,7 @@ def test_a_new_scene_is_told_with_its_obstacles(serve: Serve) -> None:
     "frames",
     [
         [HELLO % "wrong"],
+        [HELLO % "\\ud800"],
         ["{"],
         ["a" * 5000],
         [b"\x00\x01"],

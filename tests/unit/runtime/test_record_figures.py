@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from tests.unit.runtime.small import POLYGON, small
 from tests.unit.runtime.test_telling import scene
 
@@ -35,6 +37,11 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Story:
         return Story.of(record)
 
 
+def values(ax: Axes, line: int) -> list[float]:
+    """Return the ordinates of a line."""
+    return [float(value) for value in np.asarray(ax.lines[line].get_ydata())]
+
+
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.parametrize("width", [88.0, 180.0])
 def test_every_figure_is_as_wide_as_asked(flown: Story, kind: Kind, width: float, tmp_path: Path) -> None:
@@ -57,15 +64,15 @@ def test_a_plan_has_no_figures_of_flight(planned: Story) -> None:
 
 
 def test_the_curves_are_those_of_the_record(flown: Story, planned: Story) -> None:
-    ax = record_figure(planned, Kind.SCORE).axes[0]
-    committed = ax.lines[0].get_ydata()
-    assert list(committed) == [float(planned.initial.scores.sum()), *(change.score for change in planned.changes)]
-    assert ax.lines[-1].get_ydata()[0] == planned.view.bound
+    score = record_figure(planned, Kind.SCORE).axes[0]
+    expected = [float(planned.initial.scores.sum()), *(change.score for change in planned.changes)]
+    assert values(score, 0) == expected
+    assert values(score, -1)[0] == planned.view.bound
     separation = record_figure(flown, Kind.SEPARATION).axes[0]
-    assert separation.lines[1].get_ydata()[0] == flown.scene.required_separation
+    assert values(separation, 1)[0] == flown.scene.required_separation
     tracking = record_figure(flown, Kind.TRACKING).axes[0]
     assert [line.get_label() for line in tracking.lines] == ["blue", "red", "green"]
-    assert tracking.lines[0].get_xdata()[-1] <= flown.home
+    assert float(np.asarray(tracking.lines[0].get_xdata())[-1]) <= flown.home
 
 
 @pytest.mark.parametrize("width", [10.0, 1000.0, float("nan")])
