@@ -67,7 +67,7 @@ export class WorldMap {
 
   /** Whether something is still to be drawn that need not be drawn in every frame. */
   get unfinished(): boolean {
-    return this.numbersStale && this.numbersShown;
+    return this.numbersStale && this.numbersShown && performance.now() - this.numbersAt > NUMBERS_EVERY;
   }
 
   resize(width: number, height: number, ratio: number): void {

@@ -8,7 +8,7 @@ import { signMark } from "./signs";
 import type { State, World } from "./state";
 import type { Entry } from "./timeline";
 
-const LOG_SHOWN = 150;
+const LOG_SHOWN = 100;
 const STATES: [string, string][] = [
   ["idle", "·"], ["asking", "?"], ["offering", "↔"], ["flying", "➤"], ["at rest", "✓"], ["not heard", "!"], ["dead", "✕"], ["gone", "–"],
 ];
@@ -53,6 +53,7 @@ export class Panels {
   private columns = "";
   private rows: { row: HTMLTableRowElement; cells: HTMLElement[]; activity: number }[] = [];
   private logKey = "";
+  private logNewest: Entry | null = null;
   private cardKey = "";
   private headKey = "";
   private readonly onlyTrades = element<HTMLInputElement>("only-trades");
@@ -174,18 +175,28 @@ export class Panels {
     const { timeline } = session;
     if (!timeline) return;
     const count = timeline.entriesUpTo(session.x);
-    const newest = timeline.entries[count - 1];
-    const key = `${count} ${newest?.x} ${newest?.text} ${this.onlyTrades.checked} ${session.scenes}`;
-    if (key === this.logKey) return;
-    this.logKey = key;
+    const newest = timeline.entries[count - 1] ?? null;
+    const key = `${this.onlyTrades.checked} ${session.scenes}`;
+    if (newest === this.logNewest && key === this.logKey) return;
+    const log = element("log");
+    const known = key === this.logKey && this.logNewest ? timeline.entries.lastIndexOf(this.logNewest, count - 1) : -1;
     const rows: HTMLElement[] = [];
-    for (let i = count - 1; i >= 0 && rows.length < LOG_SHOWN; i--) {
+    for (let i = count - 1; i > known && rows.length < LOG_SHOWN; i--) {
       const entry = timeline.entries[i];
       if (this.onlyTrades.checked && entry.kind !== "trade") continue;
       rows.push(this.logRow(world, entry, timeline.byEvents));
     }
+    this.logKey = key;
+    this.logNewest = newest;
+    if (known >= 0) {
+      // Only what is new, since laying out a long list anew takes longer than drawing the map.
+      if (rows.length) log.querySelector(".empty")?.remove();
+      log.prepend(...rows);
+      while (log.childElementCount > LOG_SHOWN) log.lastElementChild?.remove();
+      return;
+    }
     if (!rows.length) rows.push(make("li", { class: "empty" }, this.onlyTrades.checked ? "No trade yet." : "Nothing has happened yet."));
-    element("log").replaceChildren(...rows);
+    log.replaceChildren(...rows);
   }
 
   private logRow(world: World, entry: Entry, byEvents: boolean): HTMLElement {
