@@ -80,9 +80,11 @@ def agent(
     from covey.errors import ArgumentError, InputError
     from covey.mission import load_mission
     from covey.runtime.agent_process import AgentSettings, Ending, run_agent
+    from covey.runtime.airspace import check_own_layers
     from covey.runtime.network_file import NetworkPlan, load_network
 
     loaded = load_mission(mission, seed=seed)
+    check_own_layers(loaded)
     names = [specification.name for specification in loaded.agents]
     if name not in names:
         raise InputError(f"--name: expected an agent of {mission}: {', '.join(names)}; got {name!r}")

@@ -10,10 +10,12 @@ import typer
 
 from covey.cli.interrupt import INTERRUPTED, Interruption
 from covey.cli.paths import named_path
+from covey.cli.view import Host, Open, Port, View, live
 
 if TYPE_CHECKING:
     from covey.mission import Mission
     from covey.runtime.launch import Blow, LaunchReport
+    from covey.runtime.observer import Observer
     from covey.runtime.result import Deployment
 
 VIOLATED = 1
@@ -64,12 +66,16 @@ def launch(
     json: Annotated[bool, typer.Option("--json", help="Print the content of result.json, nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR.")] = False,
+    view: View = False,
+    port: Port = 0,
+    host: Host = "127.0.0.1",
+    open_page: Open = False,
 ) -> None:
     """Run a mission with every agent in a process of its own, joined by a network on this machine.
 
     An observer, which never takes part, waits until the mission is over, proves the deployment and writes what
     `covey plan` writes, and launch.json: who died and how, what was dropped from strangers, how long it took. Ctrl-C
-    is passed on to the agents, and what is known by then is kept.
+    is passed on to the agents, and what is known by then is kept. With --view a page in the browser shows it live.
 
     Exit code: 0 the deployment is proved, 1 it is not, or the mission did not settle in time, 2 bad input, no network
     or the result cannot be written, 3 an optimiser failed, 130 Ctrl-C.
@@ -84,12 +90,16 @@ def launch(
     """
     from covey.errors import InputError, OutputError
     from covey.mission import load_mission
+    from covey.runtime.airspace import check_own_layers
 
     loaded = load_mission(mission, seed=seed)
+    check_own_layers(loaded)
 
     from covey.cli.progress import ProgressLine
+    from covey.cli.recording import Recording
     from covey.runtime import launch as launching
     from covey.runtime.network_file import NetworkPlan, load_network
+    from covey.runtime.network_telling import NetworkTeller
     from covey.runtime.record import check_result_target, default_directory, write_result
     from covey.runtime.result import Progress
 
@@ -104,43 +114,64 @@ def launch(
     target = default_directory(f"{loaded.name}-launched", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
-    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+    with live(view, mission=loaded, host=host, port=port, open_page=open_page) as shown:
+        with (
+            Interruption() as interruption,
+            Recording(target, quiet=quiet) as recording,
+            ProgressLine(quiet=quiet) as progress,
+        ):
+            tellers: list[NetworkTeller] = []
 
-        def report(news: Progress) -> None:
-            interruption.check()
-            progress(news)
+            def begin(observer: Observer) -> None:
+                watch = shown.watch_with(recording.recorder)
+                tellers.append(NetworkTeller(watch, observer, dead_after=plan.times.dead_after))
 
-        limit = math.inf if timeout is None else timeout
-        if observe:
-            deployment, outcome = launching.watch(loaded, plan, timeout=limit, on_progress=report)
-        else:
-            options = launching.LaunchOptions(
-                network=plan,
-                network_file=network,
-                state=state,
-                vehicles=vehicles,
-                restart=restart,
-                blows=blows,
-                timeout=limit,
-            )
-            deployment, outcome = launching.launch(loaded, mission, options, on_progress=report)
-        try:
-            write_result(
-                deployment,
-                target,
-                overwrite=force,
-                more=lambda folder: (folder / "launch.json").write_text(outcome.to_json(), encoding="utf-8"),
-            )
-        except OutputError as error:  # what was found must not be lost with it
-            failure = error
-    if json:
-        from covey.runtime.record import result_text
+            def report(news: Progress) -> None:
+                interruption.check()
+                for teller in tellers:
+                    teller.update()
+                progress(news)
 
-        typer.echo(result_text(deployment, target), nl=False)
-    elif not quiet:
-        from covey.cli.summary import print_summary
+            limit = math.inf if timeout is None else timeout
+            if observe:
+                deployment, outcome = launching.watch(
+                    loaded, plan, timeout=limit, on_progress=report, on_observer=begin
+                )
+            else:
+                options = launching.LaunchOptions(
+                    network=plan,
+                    network_file=network,
+                    state=state,
+                    vehicles=vehicles,
+                    restart=restart,
+                    blows=blows,
+                    timeout=limit,
+                )
+                deployment, outcome = launching.launch(loaded, mission, options, on_progress=report, on_observer=begin)
+            for teller in tellers:
+                teller.end(
+                    deployment.status.value, None if deployment.certificate is None else deployment.certificate.holds
+                )
+            try:
+                write_result(
+                    deployment,
+                    target,
+                    overwrite=force,
+                    more=lambda folder: (folder / "launch.json").write_text(outcome.to_json(), encoding="utf-8"),
+                )
+                recording.keep()
+            except OutputError as error:  # what was found must not be lost with it
+                failure = recording.lost(error)
+        if json:
+            from covey.runtime.record import result_text
 
-        print_summary(deployment, target if failure is None else None)
+            typer.echo(result_text(deployment, target), nl=False)
+        elif not quiet:
+            from covey.cli.summary import print_summary
+
+            print_summary(deployment, target if failure is None else None)
+        if failure is None and not interruption.noted:
+            shown.stay()
     _tell(outcome, quiet=quiet or json)
     if failure is not None:
         raise failure

@@ -199,7 +199,7 @@ def _branch(
             value = pose_value(kind, columns, 1.0, x, y, math.cos(box[2]), math.sin(box[2]))
             if value > best[0]:
                 start[0, 0], start[0, 1], start[0, 2] = x, y, box[2]
-                value, pose, _ = ascend(kinds, scales, columns, inset, offsets, start, polish, 1e-10)
+                value, pose, _ = ascend(kinds, scales, columns, inset, offsets, 0.0, start, polish, 1e-10)
                 if value > best[0]:
                     best[0], best[1], best[2], best[3] = value, pose[0, 0], pose[0, 1], pose[0, 2]
             for j in range(6):

@@ -185,6 +185,7 @@ class Search:
             columns,
             region.inset_edges,
             np.array([0, len(region.inset_edges)]),
+            0.0,
             starts[:, None, :],
             CLIMB,
             self.keep,

@@ -239,6 +239,7 @@ def _climb(group: _Group, landmarks: Landmarks, prices: NDArray[np.float64], rng
         columns,
         region.inset_edges,
         np.array([0, len(region.inset_edges)]),
+        0.0,
         starts,
         CLIMB,
         8,

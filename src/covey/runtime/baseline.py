@@ -124,6 +124,7 @@ def _refine(
         landmark_columns(landmarks),
         region.inset_edges,
         np.array([0, len(region.inset_edges)]),
+        0.0,
         starts[:, None, :].copy(),
         CLIMB,
         3,

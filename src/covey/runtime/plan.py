@@ -12,6 +12,9 @@ from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from covey.coverage import Certificate
 from covey.geometry import Region
 from covey.mission import Mission, OptimizerName, SensorSpec, Trade
@@ -22,6 +25,7 @@ from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.steering import Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team, Travel
 from covey.runtime.telling import TeamTeller, describe
@@ -44,6 +48,7 @@ def plan(
     baseline: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Deployment:
     """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
 
@@ -64,6 +69,8 @@ def plan(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it and set its speed.
 
     Returns
     -------
@@ -92,6 +99,8 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
+    if steering is not None:
+        run.steering, watch = steering, steering.counting(watch)
     if watch is not None:
         scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
         run.teller = TeamTeller(watch, run.team, scene)
@@ -128,6 +137,7 @@ class PlanRun:
         )
         self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
         self.teller: TeamTeller | None = None
+        self.steering: Steering | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
@@ -204,6 +214,8 @@ class PlanRun:
         self.models = (*self.models[:agent], model, *self.models[agent + 1 :])
         self.planner.replace_model(agent, model)
         self._respecify(agent, sensor=specification)
+        if self.mission.separation is not None:  # it does not fly: nobody has to keep clear of its pose
+            self.mission = self.team.mission = replace(self.mission, separation=self.mission.separation.without(agent))
         self.team.note("lost", agent)
 
     def _respecify(self, agent: int, **changes: Any) -> None:
@@ -218,14 +230,14 @@ class PlanRun:
             for done, _ in enumerate(team.start(), start=1):
                 self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
-        proved: dict[int, tuple[object, object, bytes]] = {}
+        proved: dict[int, tuple[object, ...]] = {}
         while True:
             with self._timed("trading"):
                 while team.advance():
                     self.report("trading")
             with self._timed("proof"):
                 sets = team.sets()
-                states = {i: (self.mission.agents[i], team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                states = {i: self._state(i, sets[i]) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
                     self.mission,
@@ -243,11 +255,22 @@ class PlanRun:
                 if not adopted:
                     return build_certificate(self.mission, self.models, team.poses, sets, proofs)
 
+    def _state(self, agent: int, landmarks: NDArray[np.int64]) -> tuple[object, ...]:
+        """Return all that the proof of an agent's pose rests on."""
+        separation, poses = self.mission.separation, self.team.poses
+        others = () if separation is None else tuple(poses[other] for other in separation.sharing(agent))
+        return (self.mission.agents[agent], poses[agent], landmarks.tobytes(), others)
+
     def _report_proofs(self, done: int, *, of: int) -> None:
         self.report("proving", fraction=done / of)
 
     def report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
-        """Tell how far the run is, when it is time to."""
+        """Tell how far the run is, when it is time to, and wait while others hold it."""
+        self._report(stage, fraction, force=force)
+        if self.steering is not None:
+            self.steering.hold(lambda: self._report(stage, fraction, force=False))
+
+    def _report(self, stage: str, fraction: float | None, *, force: bool) -> None:
         now = time.monotonic()
         if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
             self._reported = now

@@ -32,6 +32,7 @@ from covey.protocol import (
     Send,
 )
 from covey.runtime.agent import TeamPlanner, build_models, nearest_first
+from covey.runtime.airspace import check_own_layers
 from covey.runtime.prover import Prover
 from covey.runtime.remote_vehicle import AtOnce, Leg, Vehicle
 from covey.runtime.streams import Stream, generator
@@ -417,8 +418,9 @@ def join_mission(
     Raises
     ------
     InputError
-        If a sensor cannot be built.
+        If a sensor cannot be built, or agents share a layer.
     """
+    check_own_layers(mission)
     agent = transport.agent
     planner = build_planner(mission) if planner is None else planner
     node = build_node(mission, agent, planner, incarnation=incarnation, memory=memory, times=times)

@@ -19,6 +19,7 @@ from covey.protocol import (
     LandmarkRecords,
     Lock,
     Node,
+    NodeOptions,
     Output,
     PoseOptimized,
     Publish,
@@ -27,6 +28,7 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.airspace import Airspace, check_clear_starts
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
@@ -37,6 +39,13 @@ class Travel(Protocol):
 
     def go_to(self, agent: int, pose: Pose2) -> None:
         """Send an agent's vehicle to a pose."""
+        ...
+
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose that a trade has committed; `go_to` follows when that is through.
+
+        Others may have been committed to the place that it leaves.
+        """
         ...
 
     def under_way(self, agent: int) -> bool:
@@ -52,6 +61,9 @@ class Teleport:
     """Planning without flying: the vehicle is at its waypoint at once."""
 
     def go_to(self, agent: int, pose: Pose2) -> None:
+        """Do nothing."""
+
+    def make_way(self, agent: int, pose: Pose2) -> None:
         """Do nothing."""
 
     def under_way(self, agent: int) -> bool:
@@ -107,6 +119,15 @@ class Team:
         Root of all randomness.
     travel : Travel, optional
         How agents get to their waypoints; at once by default.
+    options : NodeOptions, optional
+        Of the agents.
+    delay : (float, float)
+        Shortest and longest time that a message takes, seconds.
+
+    Raises
+    ------
+    InputError
+        If agents that share a layer start too close to each other.
 
     Notes
     -----
@@ -118,7 +139,17 @@ class Team:
     hears each event the moment it happens; the nodes themselves know only what messages told them.
     """
 
-    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        planner: TeamPlanner,
+        *,
+        seed: int,
+        travel: Travel | None = None,
+        options: NodeOptions | None = None,
+        delay: tuple[float, float] = (0.5e-3, 1.5e-3),
+    ) -> None:
+        check_clear_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
         self.onlooker: Onlooker | None = None
@@ -130,16 +161,21 @@ class Team:
         self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-        self.bus = Loopback(rng=generator(seed, Stream.BUS))
+        self.bus = Loopback(rng=generator(seed, Stream.BUS), delay=delay)
         records = LandmarkRecords.initial(
             len(mission.landmarks), {agent: np.flatnonzero(self.owner == agent) for agent in agents}
         )
         poses = dict(enumerate(self.poses))
-        self.nodes = [Node(agent, list(agents), records, poses, planner, order=nearest_first) for agent in agents]
+        self.nodes = [
+            Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options) for agent in agents
+        ]
+        self.airspace = None if mission.separation is None else Airspace(self)
+        planner.airspace = self.airspace
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
-            self.bus.attach(node, generator(seed, Stream.NODE, agent))
+            mortal = options is not None and options.membership is not None
+            self.bus.attach(node, generator(seed, Stream.NODE, agent), hears_heartbeats=mortal)
         self._first_client: int | None = None
 
     @property
@@ -180,6 +216,13 @@ class Team:
             self.hold(agent, held)
         return held is not None
 
+    def free(self, agent: int, pose: Pose2) -> Pose2:
+        """Return the pose if an agent may be committed there now, or else the nearest where it may."""
+        if self.airspace is None:
+            return pose
+        region = self.airspace.room(agent, self.mission.agents[agent].region)
+        return Pose2(*region.project(pose.x, pose.y), pose.yaw)
+
     def hold(self, agent: int, pose: Pose2) -> None:
         """Commit the pose that an agent holds because it cannot reach or keep its waypoint (V8)."""
         self._carry_out(agent, self.nodes[agent].waypoint_unreachable(self.bus.now, pose))
@@ -196,7 +239,9 @@ class Team:
             self._take_snapshot("after_first_trade")
 
     def adopt(self, agent: int, pose: Pose2) -> bool:
-        """Offer an agent a better pose that a proof found; whether it took it."""
+        """Offer an agent a better pose that a proof found; whether it is still free and the agent took it."""
+        if self.airspace is not None and not self.airspace.is_free(agent, pose):
+            return False
         outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
         self._carry_out(agent, outputs)
         return any(isinstance(output, PoseOptimized) for output in outputs)
@@ -252,7 +297,10 @@ class Team:
                 self._log("abandoned", (output.agent,))
 
     def _on_trade(self, trade: TradeCommitted) -> None:
-        self.poses[trade.client], self.poses[trade.server] = trade.client_pose, trade.server_pose
+        for agent, pose in ((trade.client, trade.client_pose), (trade.server, trade.server_pose)):
+            if self.airspace is not None and pose != self.poses[agent]:
+                self.travel.make_way(agent, pose)
+            self.poses[agent] = pose
         self.owner[trade.client_landmarks] = trade.client
         self.owner[trade.server_landmarks] = trade.server
         self.trades += 1
@@ -260,11 +308,13 @@ class Team:
             self._first_client = trade.client
         self._log("trade", (trade.client, trade.server))
 
+    def _score_of(self, agent: int) -> float:
+        own = np.flatnonzero(self.owner == agent)
+        return float(self.planner.visibility(agent, self.poses[agent])[own] @ self.mission.landmarks.weights[own])
+
     def _log(self, event: str, agents: tuple[int, ...]) -> None:
-        weights = self.mission.landmarks.weights
         for agent in agents:
-            own = np.flatnonzero(self.owner == agent)
-            self.scores[agent] = self.planner.visibility(agent, self.poses[agent])[own] @ weights[own]
+            self.scores[agent] = self._score_of(agent)
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
         if self.onlooker is not None:
