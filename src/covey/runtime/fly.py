@@ -420,6 +420,7 @@ class _Sortie:
             required_separation=fleet.required_separation,
             altitudes=self.altitudes,
             separation_cost=math.nan,
+            max_outside_region=fleet.max_outside_region,
             collisions=len(fleet.simulator.collisions),
             tracking_rms=fleet.tracking_rms,
             waypoints_reached=self._reached,

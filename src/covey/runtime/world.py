@@ -80,7 +80,7 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
     return Fleet(
         simulator,
         [agent.name for agent in mission.agents],
-        navigator=Navigator(vehicles, spec.obstacles, options),
+        navigator=Navigator(vehicles, spec.obstacles, options, regions=[agent.region for agent in mission.agents]),
         kind=kind,
         arrival=Arrival(spec.arrival_position, spec.arrival_yaw),
         log_every=LOG_EVERY,
