@@ -61,16 +61,17 @@ def fly_exercise_file(
 
 
 def _show(result: ExerciseResult, target: Path) -> None:
-    from covey.cli.summary import printable
+    from covey.cli.summary import factor_text, length_text, printable
+    from covey.runtime.record import FLIGHT_FILES, RESULT
 
     summary = result.summary
     least = summary["min_separation_m"]
     apart = "one vehicle" if least is None else f"at least {least:.2f} m"
     head = f"{printable(result.exercise.name)}: {summary['duration_s']:.0f} s in {summary['simulator']}"
     lines = [
-        f"{head}, {summary['real_time_factor']:.0f} times real time",
+        f"{head}, {factor_text(summary['real_time_factor'])} real time",
         f"Apart     {apart}; collisions: {summary['collisions']}",
-        f"Tracking  {100.0 * summary['tracking_rms_m']:.1f} cm rms",
+        f"Tracking  {length_text(summary['tracking_rms_m'])} rms",
         f"Goals     {summary['waypoints_reached']} reached, {summary['waypoints_missed']} missed",
     ]
     if summary["min_object_gap_m"] is not None:
@@ -80,5 +81,6 @@ def _show(result: ExerciseResult, target: Path) -> None:
         for event in summary["events"]
         if event["kind"] != "reached"
     ]
-    lines.append(f"Files     {target}")
+    names = [name for name in (*FLIGHT_FILES, RESULT) if (target / name).exists()]
+    lines.append(f"Files     {target}: {', '.join(names)}")
     typer.echo("\n".join(lines))

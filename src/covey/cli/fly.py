@@ -18,6 +18,10 @@ VIOLATED = 1
 """Exit code for a deployment whose certificate does not hold, or an exercise that did not do what it should."""
 
 
+FAILED = 4
+"""Exit code for a flight on which vehicles touched something or did not come back."""
+
+
 def fly(
     mission: Annotated[
         Path,
@@ -50,7 +54,7 @@ def fly(
     An exercise file (a few vehicles with goals or trajectories, no landmarks) is flown as well.
 
     Exit code: 0 the deployment is proved, 1 its certificate does not hold, 2 bad input or the result cannot be
-    written, 3 an optimiser or simulator failed, 130 Ctrl-C.
+    written, 3 an optimiser or simulator failed, 4 vehicles were lost or touched something, 130 Ctrl-C.
 
     [bold]Examples[/bold]
 
@@ -122,3 +126,8 @@ def _leave(flight: Flight, target: Path) -> None:
         count = len(certificate.violations)
         typer.echo(f"covey: the certificate does not hold, violations: {count}; they are in {target}", err=True)
         raise typer.Exit(VIOLATED)
+    report = deployment.flight
+    if report is not None and (report.lost or report.collisions):
+        lost = f"lost: {', '.join(report.lost)}" if report.lost else "nobody lost"
+        typer.echo(f"covey: the flight failed, {lost}; collisions: {report.collisions}; see {target}", err=True)
+        raise typer.Exit(FAILED)

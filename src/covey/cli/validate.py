@@ -71,7 +71,7 @@ def summary(mission: Mission) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        One line of text for each of mission, landmarks, region, agents, sensor, coverage, georeference.
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage, flight, georeference.
     """
     landmarks = mission.landmarks
     size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
@@ -95,6 +95,8 @@ def summary(mission: Mission) -> dict[str, str]:
         "coverage": f"sigma {coverage.sigma:g}, trade {coverage.trade.value}, optimizer {coverage.optimizer.value}, "
         f"assignment {assignment}",
     }
+    if "flight" in mission.source:
+        facts["flight"] = _flight(mission)
     origin = mission.georeference
     if origin is not None:
         facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"
@@ -106,6 +108,18 @@ def _sensor(sensor: SensorSpec) -> str:
     distance = options.pop("optimal_distance", None)
     parts = [sensor.model] + ([f"optimal distance {distance:g} m"] if distance is not None else [])
     return ", ".join(parts + [f"{name} {value:g}" for name, value in options.items()])
+
+
+def _flight(mission: Mission) -> str:
+    spec = mission.flight
+    altitudes = sorted(set(spec.altitudes(len(mission.agents))))
+    heights = f"{altitudes[0]:.4g} m" if len(altitudes) == 1 else f"{altitudes[0]:.4g} to {altitudes[-1]:.4g} m"
+    parts = [f"{Path(spec.vehicle).stem}, {len(altitudes)} layer{'s' * (len(altitudes) > 1)} at {heights}"]
+    for number, what in ((len(spec.obstacles), "obstacle"), (len(spec.faults), "fault")):
+        if number:
+            parts.append(f"{number} {what}{'s' * (number > 1)}")
+    parts += [name for name, there in (("wind", not spec.wind.calm), ("noise", not spec.noise.exact)) if there]
+    return ", ".join(parts)
 
 
 def _strips(mission: Mission) -> str:

@@ -178,7 +178,9 @@ def _search(
         i, j, k = node // (ny * nz), (node // nz) % ny, node % nz
         last[0], last[1], last[2] = low[0] + h * i, low[1] + h * j, low[2] + h * k
         ahead = math.sqrt((last[0] - goal[0]) ** 2 + (last[1] - goal[1]) ** 2 + (last[2] - goal[2]) ** 2)
-        if ahead < close and _line_is_free(rows, edges, fence, blockers, keep_off, last, goal, min(there, margin) - STRIDE):
+        if ahead < close and _line_is_free(
+            rows, edges, fence, blockers, keep_off, last, goal, min(there, margin) - STRIDE
+        ):
             found = node
             break
         for di in range(-1, 2):

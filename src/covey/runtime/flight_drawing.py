@@ -17,7 +17,7 @@ from covey.flight.layout import QUAT, REF_P, P
 from covey.runtime.figures import DPI
 from covey.runtime.map_drawing import FAINT, INK, draw_badges
 from covey.runtime.palette import OKABE_ITO, colours
-from covey.vehicles.flight_log import FlightLog
+from covey.vehicles.flight_log import ARRIVALS, FlightLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,9 @@ EVENT_MARKS = {
     "fault": ("P", RED, "fault"),
     "lost": ("X", RED, "lost"),
     "collision": ("*", RED, "collision"),
-    "landing": ("v", GREEN, "landing"),
+    "outside": ("d", RED, "outside its region"),
+    "airborne": ("^", BLUE, "at its altitude"),
+    "home": ("v", BLUE, "above its start"),
     "landed": ("v", GREEN, "landed"),
 }
 """Marker, colour and label of each kind of event; others are grey."""
@@ -51,7 +53,7 @@ def draw_score(ax: Axes, log: FlightLog, deployment: Deployment | None = None) -
     ax.plot(log.time, log.score_flown, color=RED, linewidth=1.2, linestyle="-", label="as flown")
     if deployment is not None:
         final = deployment.score.final
-        ax.axhline(final, color=GREEN, linestyle=":", linewidth=1.6, label=f"planned {final:.2f}")
+        ax.axhline(final, color=GREEN, linestyle=":", linewidth=1.6, label=f"at the end {final:.2f}")
         bound = deployment.bound
         if bound is not None and math.isfinite(bound.team_upper_bound):
             text = f"at most {bound.team_upper_bound:.2f}"
@@ -266,7 +268,7 @@ def under_way(log: FlightLog, index: int) -> list[tuple[float, float]]:
     changes = np.flatnonzero((goal[1:] != goal[:-1]).any(axis=1)) + 1
     starts = [0, *changes.tolist()]
     ends = [*changes.tolist(), len(log.time) - 1]
-    reached = [e.time for e in log.events if e.kind == "reached" and log.names[index] in e.vehicles]
+    reached = [e.time for e in log.events if e.kind in ARRIVALS and log.names[index] in e.vehicles]
     if not reached and len(starts) < 3:
         return []  # a single waypoint throughout: shading everything would tell nothing
     spans = []

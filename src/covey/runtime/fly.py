@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 import time
 from collections.abc import Callable
@@ -13,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.coverage import agent_scores, team_visibility
-from covey.errors import InputError
 from covey.flight.layout import P
 from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
-from covey.runtime.airspace import clear_region, without_disc
+from covey.runtime.airspace import check_starts, clear_region, passable, without_disc
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.plan import PlanRun, plan, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
@@ -30,8 +30,23 @@ from covey.vehicles.flight_log import FlightLog
 SLOWEST, GRACE = 0.25, 20.0
 """A leg may take its length at this speed, m/s, and so many seconds more; then its waypoint counts as unreachable."""
 
-TOUCHDOWN = 0.3
-"""A vehicle this low, metres, with this little vertical speed, m/s, has landed."""
+BELOW_GROUND = 0.3
+"""To land, a vehicle is led to so far below the ground, metres: it touches down at about as many m/s."""
+
+AT_REST = 0.5
+"""After the last motors have stopped, vehicles are given so many seconds to come to rest."""
+
+
+class Leg(enum.Enum):
+    """What a vehicle is on its way to: kinds of the events when it gets there or does not, and both in words."""
+
+    TAKE_OFF = ("airborne", "grounded", "is at its altitude", "cannot rise to its altitude")
+    WAYPOINT = ("reached", "missed", "reached its waypoint", "cannot reach its waypoint and holds where it is")
+    HOME = ("home", "astray", "is back above its start", "cannot get back above its start and lands where it is")
+    LANDING = ("landed", "aloft", "landed", "cannot land")
+
+    def __init__(self, reached: str, missed: str, arrival: str, failure: str) -> None:
+        self.reached, self.missed, self.arrival, self.failure = reached, missed, arrival, failure
 
 
 class Moment(NamedTuple):
@@ -110,7 +125,7 @@ def fly(
     Raises
     ------
     InputError
-        If vehicles start too close to each other or inside an obstacle, or a sensor model cannot be built.
+        If vehicles start too close to each other or to an obstacle, or a sensor model cannot be built.
 
     Notes
     -----
@@ -119,6 +134,7 @@ def fly(
     kind = Kind(vehicles)
     if seed is not None:
         mission = mission.with_seed(seed)
+    check_starts(mission)
     return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()
 
 
@@ -147,13 +163,16 @@ class _Sortie:
         self._deadlines: dict[int, float] = {}  # of the vehicles on their way
         self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
         self._blind: set[int] = set()
+        self._airborne: set[int] = set()
         self._settling = False
         self._reached = self._missed = 0
+        self._leg = Leg.TAKE_OFF
         self._stage = "taking off"
         self._moments = [Moment(0.0, self.run.team.owner.copy(), tuple(self.run.team.poses))]
         self._changes = len(self.run.team.history)
         self.fleet.on_sample = self._scores
-        check_starts(mission, self.fleet)
+        self._air_s = 0.0  # of the wall's time: what went into flying, and how much of it while the team traded
+        self._air_trading_s = 0.0
         self._flown = math.nan
         self._told_notes = 0
         self._motion_due = 0.0
@@ -164,10 +183,15 @@ class _Sortie:
     def fly(self) -> Flight:
         """Fly from take-off to landing."""
         deployment, flown = None, math.nan
+        ignored = self._ignored()
+        if ignored:
+            self._note("ignored", [], f"kinematic vehicles do not feel {ignored}: choose other vehicles to try that")
         try:
             self._take_off()
             self._settling = True
+            before = self._air_s
             deployment = self.run.deployment()
+            self._air_trading_s = self._air_s - before
             self._settling = False
             flown = self._scores()[1]
             if deployment.status is PlanStatus.SETTLED:
@@ -187,7 +211,7 @@ class _Sortie:
             with suppress(KeyboardInterrupt):  # the flight is over: what it was must not be lost
                 report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
-            replace(deployment, flight=report),
+            replace(deployment, flight=report, timing_s=self._timing(deployment)),
             self.fleet.log(),
             tuple(self._obstacles),
             tuple(self._appeared),
@@ -229,15 +253,20 @@ class _Sortie:
 
     def _tick(self) -> None:
         """Let one control period pass, and see to what happened in it."""
+        began = time.monotonic()
         self.fleet.step()
+        self._air_s += time.monotonic() - began
         now = self.fleet.time
         while self._faults and self._faults[0].at <= now:
             self._fail()
         for agent in list(self._deadlines):
-            if self.fleet.reached(agent):
+            if self._leg is Leg.LANDING and self.fleet.on_ground(agent):
+                self._touch_down(agent)
+            elif self._leg is not Leg.LANDING and self.fleet.reached(agent):
                 del self._deadlines[agent]
-                self._reached += 1
-                self._note("reached", [agent], f"{self._name(agent)} reached its waypoint")
+                self._reached += self._leg is Leg.WAYPOINT
+                self._airborne.add(agent)
+                self._note(self._leg.reached, [agent], f"{self._name(agent)} {self._leg.arrival}")
             elif agent not in self.fleet.lost and (self.fleet.blocked(agent) or now > self._deadlines[agent]):
                 self._miss(agent)
         self._see_who_fell()
@@ -253,18 +282,22 @@ class _Sortie:
                 self._held[agent] = self._clipped(agent)
                 self.run.blind(agent)
             elif self._settling and agent not in self.fleet.lost and self.fleet.on_ground(agent):
-                self.fleet.lose(agent, "fell to the ground")
+                self.fleet.lose(agent, "fell to the ground" if agent in self._airborne else "did not leave the ground")
 
     def _miss(self, agent: int) -> None:
         """Give a waypoint up (V8): its surroundings are not offered to the agent again."""
         del self._deadlines[agent]
-        self._missed += 1
-        self._note("missed", [agent], f"{self._name(agent)} cannot reach its waypoint and holds where it is")
+        self._missed += self._leg is Leg.WAYPOINT
+        self._note(self._leg.missed, [agent], f"{self._name(agent)} {self._leg.failure}")
+        if self._leg is Leg.LANDING:
+            return
         held = self._held[agent] = self._clipped(agent)
         if not self._settling:
             return
         abandoned = self.run.team.poses[agent]
         region = self._clear_region(agent, held)
+        if region is not None:
+            region = passable(region, 0.25 * self.fleet.parameters[agent].required_separation, near=held)
         if region is not None and region.contains(abandoned.x, abandoned.y):
             region = without_disc(
                 region, abandoned.x, abandoned.y, 0.5 * self.fleet.parameters[agent].required_separation, near=held
@@ -277,6 +310,8 @@ class _Sortie:
         """Let the next fault happen."""
         fault = self._faults.pop(0)
         if fault.agent is not None and fault.rotor is not None:
+            if self.fleet.kind is Kind.KINEMATIC:
+                return
             self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
@@ -287,6 +322,16 @@ class _Sortie:
                 self._teller.appeared(fault.obstacle)
             self._note("fault", [], "an obstacle appears")
             self._check_waypoints()
+
+    def _ignored(self) -> str:
+        """Say what of the mission changes nothing for kinematic vehicles."""
+        spec = self._spec
+        felt = {
+            "wind": not spec.wind.calm,
+            "noise": not spec.noise.exact,
+            "motors that stop": any(fault.rotor is not None for fault in spec.faults),
+        }
+        return ", ".join(name for name, given in felt.items() if given) if self.fleet.kind is Kind.KINEMATIC else ""
 
     def _check_waypoints(self) -> None:
         """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
@@ -312,35 +357,32 @@ class _Sortie:
         while self._deadlines:
             self._tick()
         self._held = {agent: pose for agent, pose in self._held.items() if agent in self.fleet.lost}
-        self._reached = self._missed = 0
+        self._leg = Leg.WAYPOINT
         self._stage = "flying"
 
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
-        counts = self._reached, self._missed
-        flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
-        for agent in flying:
+        self._leg = Leg.HOME
+        for agent in self._flying():
             self._depart(agent, self._homes[agent], self.altitudes[agent])
         while self._deadlines:
             self._tick()
-        for agent in flying:
-            if agent not in self.fleet.lost:
-                pose = self._homes[agent] if agent not in self._held else self._held[agent]
-                self._depart(agent, pose, 0.0)
+        self._leg = Leg.LANDING
+        for agent in self._flying():
+            self._depart(agent, self._held.get(agent, self._homes[agent]), -BELOW_GROUND)
         while self._deadlines:
             self._tick()
-            for agent in list(self._deadlines):
-                if self._has_landed(agent):
-                    del self._deadlines[agent]
-                    self.fleet.stop_motors(agent)
-                    self._note("landed", [agent], f"{self._name(agent)} landed")
-        self._reached, self._missed = counts
-        self.fleet.run(lambda: False, 0.2)
+        self.fleet.run(lambda: False, AT_REST)
 
-    def _has_landed(self, agent: int) -> bool:
-        state = self.fleet.state[agent]
-        return bool(self.fleet.on_ground(agent) or (state[P + 2] < TOUCHDOWN and abs(state[P + 5]) < 0.05))
+    def _flying(self) -> list[int]:
+        return [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
+
+    def _touch_down(self, agent: int) -> None:
+        """Stop the motors of a vehicle that touches the ground."""
+        del self._deadlines[agent]
+        self.fleet.stop_motors(agent)
+        self._note(self._leg.reached, [agent], f"{self._name(agent)} {self._leg.arrival}")
 
     def _depart(self, agent: int, pose: Pose2, altitude: float) -> None:
         climb = abs(altitude - float(self.fleet.state[agent, P + 2]))
@@ -430,6 +472,14 @@ class _Sortie:
             events=tuple(log.events),
         )
 
+    def _timing(self, deployment: Deployment) -> dict[str, float]:
+        """Return what the wall's time went into, seconds: flying is told apart from the trading that it serves."""
+        timing = {name: seconds for name, seconds in deployment.timing_s.items() if name != "total"}
+        if "trading" in timing:
+            timing["trading"] = max(0.0, timing["trading"] - self._air_trading_s)
+        timing["flying"] = self._air_s
+        return {**timing, "total": time.monotonic() - self._began}
+
     def _separation_cost(self, final: float) -> float:
         """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
         if self._planned.separation is None:
@@ -438,27 +488,3 @@ class _Sortie:
         undisturbed = not (self._missed or self.fleet.lost)
         apart = final if undisturbed else plan(self._planned).score.final
         return plan(replace(self._planned, separation=None)).score.final - apart
-
-
-def check_starts(mission: Mission, fleet: Fleet) -> None:
-    """Check that the vehicles of a mission start far enough apart.
-
-    Raises
-    ------
-    InputError
-        With every pair that does not.
-    """
-    needed = fleet.required_separation
-    agents = mission.agents
-    close = []
-    for i, first in enumerate(agents):
-        for second in agents[i + 1 :]:
-            apart = math.hypot(first.pose.x - second.pose.x, first.pose.y - second.pose.y)
-            if apart < needed:
-                close.append(f"{first.name} and {second.name} start {apart:.2f} m apart")
-    if close:
-        shown = "; ".join(close[:10]) + (f"; and {len(close) - 10} more pairs" if len(close) > 10 else "")
-        raise InputError(
-            f"{mission.path or mission.name}: agents: expected vehicles that start at least {needed:.2f} m apart, "
-            f"since they take off and land there: {shown}; move their poses apart, or choose another flight.vehicle"
-        )

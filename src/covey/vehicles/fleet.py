@@ -19,7 +19,7 @@ from covey.flight.navigation import Navigator, Status
 from covey.flight.obstacles import Obstacle
 from covey.flight.parameters import VehicleParameters
 from covey.flight.rotation import yaw_of
-from covey.flight.separation import min_separation
+from covey.flight.separation import ON_GROUND, min_separation
 from covey.flight.simulator import Simulator
 from covey.flight.trajectories import Trajectory
 from covey.vehicles.flight_log import FlightLog, FlightRecorder
@@ -28,13 +28,8 @@ from covey.vehicles.kinematic import KinematicSimulator
 CONTROL_PERIOD = 0.01
 """Seconds between two commands, as the autopilots of the thesis take them."""
 
-ON_GROUND = 0.3
-"""A vehicle whose centre is lower than this, metres, does not count for the separation in the air: it takes off, lands
-or stands.
-"""
-
 LATE = 0.05
-"""In real time a flight makes up for delays of so many seconds; what takes longer, such as planning, shifts the rest."""
+"""In real time a flight makes up for delays of so many seconds; longer ones, such as planning, put off the rest."""
 
 OUTSIDE = 0.15
 """References stay inside the fence; a vehicle whose centre is farther outside its region, metres, gets an event."""

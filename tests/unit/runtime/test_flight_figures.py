@@ -142,7 +142,7 @@ def test_scores_and_events(make_deployment: MakeDeployment) -> None:
     ax = panels(figure)["score of the team"]
     np.testing.assert_array_equal(values(ax, "at committed poses"), log.score_committed)
     np.testing.assert_array_equal(values(ax, "as flown"), log.score_flown)
-    assert values(ax, f"planned {deployment.score.final:.2f}")[0] == deployment.score.final
+    assert values(ax, f"at the end {deployment.score.final:.2f}")[0] == deployment.score.final
     assert deployment.bound is not None
     assert values(ax, f"at most {deployment.bound.team_upper_bound:.2f}")[0] == deployment.bound.team_upper_bound
     rows = figure.axes[1]
