@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from covey.errors import InputError
+from covey.flight.fence import SLACK, Fences
+from covey.flight.layout import P, V
 from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.certify import certify
 from covey.runtime.fly import Flight, fly
@@ -21,6 +23,7 @@ from covey.runtime.plan import plan
 from covey.runtime.record import read_result, result_text
 from covey.runtime.result import PlanStatus, Progress
 from covey.runtime.sortie_record import write_flight
+from covey.vehicles.fleet import OUTSIDE
 from covey.vehicles.flight_log import FlightLog
 
 SCENE: dict[str, Any] = {
@@ -60,8 +63,81 @@ def lives_up_to_its_word(flight: Flight) -> None:
     assert deployment.certificate.holds
     assert report.min_separation >= report.required_separation
     assert report.min_separation <= log.separation.min()
-    assert log.state[-1, :, 2].max() < 0.3, "everybody is on the ground at the end"
+    everybody_landed(flight)
+    assert report.max_outside_region <= OUTSIDE
     assert report.waypoints_missed == sum(event.kind == "missed" for event in log.events)
+    assert report.waypoints_reached == sum(event.kind == "reached" for event in log.events)
+
+
+def everybody_landed(flight: Flight) -> None:
+    """Check that those who were not lost stand on the ground with their motors off, and that it is told."""
+    log, report = flight.log, flight.deployment.flight
+    assert report is not None
+    flown = [i for i, name in enumerate(log.names) if name not in report.lost]
+    assert np.abs(log.state[-1, flown, 2]).max() < 0.02
+    assert np.abs(log.state[-1, flown, V : V + 3]).max() < 0.01
+    assert (log.command[-1, flown, 0] == 0.0).all()
+    for kind in ("airborne", "home", "landed"):
+        told = [name for event in log.events if event.kind == kind for name in event.vehicles]
+        assert sorted(told) == sorted(set(told))
+        assert {log.names[i] for i in flown} <= set(told)
+
+
+WINDY: dict[str, Any] = {
+    "wind": {"steady_m_s": [2, 1], "gust_m_s": 2.0},
+    "noise": {"position_m": 0.02, "velocity_m_s": 0.05, "latency_s": 0.02},
+}
+
+
+@pytest.mark.parametrize("vehicles", ["reference", "mujoco"])
+def test_landing_lands_in_wind(vehicles: str) -> None:
+    lives_up_to_its_word(fly(scene(**WINDY), vehicles=vehicles))
+
+
+def test_what_kinematic_vehicles_do_not_feel_is_told() -> None:
+    flight = fly(scene(**WINDY, faults=[{"at_s": 9, "motor": {"agent": "blue"}}]), vehicles="kinematic")
+    lives_up_to_its_word(flight)
+    report = flight.deployment.flight
+    assert report is not None
+    (event,) = [event for event in report.events if event.kind == "ignored"]
+    assert "do not feel wind, noise, motors that stop" in event.text
+    assert not any("rotor" in event.text for event in report.events)
+
+
+@pytest.mark.parametrize("vehicles", ["kinematic", "reference"])
+@pytest.mark.parametrize("name", ["inspection", "plaza-mayor"])
+def test_nobody_flies_through_a_hole(name: str, vehicles: str, root: Path) -> None:
+    """References stay inside the region; vehicles leave it by what they are off, in still air a few centimetres."""
+    flight = fly(load_mission(root / "examples" / f"{name}.yaml"), vehicles=vehicles)
+    report = flight.deployment.flight
+    assert report is not None
+    assert (report.waypoints_missed, report.lost) == (0, ())
+    assert report.max_outside_region <= (SLACK if vehicles == "kinematic" else 0.05)
+    fences = Fences([agent.region for agent in flight.deployment.mission.agents])
+    rooms = np.array([fences.rooms(state[:, P : P + 3]) for state in flight.log.state])
+    assert rooms.min() >= -report.max_outside_region
+    everybody_landed(flight)
+
+
+def test_a_region_that_a_hole_splits_in_two() -> None:
+    """Behind a gap too narrow to fly through nothing is reached: the waypoint is given up, the other part with it."""
+    hole = [[-0.5, -3.98], [0.5, -3.98], [0.5, 3.98], [-0.5, 3.98]]
+    outline = [[-4, -4], [4, -4], [4, 4], [-4, 4]]
+    document = {
+        **SCENE,
+        "environment": {
+            "landmarks": {"grid": {"x_m": [1, 4], "y_m": [-4, 4], "spacing_m": 1}},
+            "region": {"polygon": {"exterior": outline, "holes": [hole]}},
+        },
+        "agents": [{"name": "blue", "pose": {"x_m": -3, "y_m": 0}}],
+    }
+    flight = fly(parse_mission(json.dumps(document), format="json"), vehicles="kinematic")
+    lives_up_to_its_word(flight)
+    report = flight.deployment.flight
+    assert report is not None
+    assert report.waypoints_missed == 1
+    assert flight.log.state[:, 0, 0].max() <= -0.5 + SLACK
+    assert flight.deployment.poses[0].x <= -0.5
 
 
 @pytest.mark.parametrize("vehicles", ["kinematic", "reference", "mujoco"])
