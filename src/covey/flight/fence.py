@@ -45,6 +45,27 @@ def fence_room(fence: NDArray[np.float64], x: float, y: float) -> float:
 
 
 @kernel
+def in_view(fence: NDArray[np.float64], x0: float, y0: float, x1: float, y1: float) -> bool:
+    """Whether no edge of a fence crosses the straight line between two points.
+
+    Examples
+    --------
+    >>> fence = fence_of(Region.polygon([[0, 0], [4, 0], [4, 4], [2, 1], [0, 4]]))
+    >>> in_view(fence, 0.5, 2.0, 3.5, 2.0), in_view(fence, 0.5, 0.5, 3.5, 0.5)
+    (False, True)
+    """
+    dx, dy = x1 - x0, y1 - y0
+    for k in range(fence.shape[0]):
+        ax, ay = fence[k, 0] - x0, fence[k, 1] - y0
+        bx, by = fence[k, 2] - x0, fence[k, 3] - y0
+        ex, ey = bx - ax, by - ay
+        if (dx * ay - dy * ax) * (dx * by - dy * bx) < 0.0:  # its ends lie on both sides of the line
+            if (ex * -ay - ey * -ax) * (ex * (dy - ay) - ey * (dx - ax)) < 0.0:
+                return False
+    return True
+
+
+@kernel
 def _rooms(
     edges: NDArray[np.float64], spans: NDArray[np.int64], positions: NDArray[np.float64], out: NDArray[np.float64]
 ) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.compiled import kernel
-from covey.flight.fence import fence_room
+from covey.flight.fence import fence_room, in_view
 from covey.flight.obstacles import box_distance, nearest
 from covey.flight.potential_field import add_repulsion, repulsion
 from covey.flight.separation import cap_velocity, scaled_distance, speed_cap
@@ -245,12 +245,18 @@ def advance(
             old[c] = s[3 + c]
 
         # attraction towards the next corner
-        cursor, end = cursors[i, 0], cursors[i, 1]
+        cursor, end, hidden = cursors[i, 0], cursors[i, 1], False
         ax, ay, az, leg = 0.0, 0.0, 0.0, 0.0
         while True:
             ax, ay, az = routes[i, cursor, 0] - p[0], routes[i, cursor, 1] - p[1], routes[i, cursor, 2] - p[2]
             leg = math.sqrt(ax * ax + ay * ay + az * az)
             if cursor + 1 >= end or leg > o[CORNER]:
+                break
+            # a corner that the fence hides the next one behind is flown to
+            if leg > o[ARRIVED] and not in_view(
+                fence[spans[i, 0] : spans[i, 1]], p[0], p[1], routes[i, cursor + 1, 0], routes[i, cursor + 1, 1]
+            ):
+                hidden = True
                 break
             cursor += 1
         cursors[i, 0] = cursor
@@ -261,7 +267,7 @@ def advance(
                 + (routes[i, k + 1, 1] - routes[i, k, 1]) ** 2
                 + (routes[i, k + 1, 2] - routes[i, k, 2]) ** 2
             )
-        speed = wanted_speed(left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
+        speed = wanted_speed(leg if hidden else left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
         scale = speed / max(leg, 1e-9)
         u[0] = o[K_V] * (scale * ax - old[0])
         u[1] = o[K_V] * (scale * ay - old[1])

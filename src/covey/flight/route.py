@@ -45,6 +45,13 @@ def room_at(
 
 
 @kernel
+def least_room(room: float, margin: float) -> float:
+    """Room asked for along a line with so much room at its ends: what there is, as far as the margin, but a little."""
+    least = min(room, margin) - STRIDE
+    return least if room < 0.0 else max(least, 0.0)
+
+
+@kernel
 def _line_is_free(
     rows: NDArray[np.float64],
     edges: NDArray[np.float64],
@@ -151,7 +158,7 @@ def _search(
                 point[0], point[1], point[2] = low[0] + h * i, low[1] + h * j, low[2] + h * k
                 if room_at(rows, edges, fence, blockers, keep_off, point[0], point[1], point[2]) < margin:
                     continue
-                if not _line_is_free(rows, edges, fence, blockers, keep_off, start, point, min(here, margin) - STRIDE):
+                if not _line_is_free(rows, edges, fence, blockers, keep_off, start, point, least_room(here, margin)):
                     continue
                 node = (i * ny + j) * nz + k
                 cost[node] = math.sqrt(
@@ -179,7 +186,7 @@ def _search(
         last[0], last[1], last[2] = low[0] + h * i, low[1] + h * j, low[2] + h * k
         ahead = math.sqrt((last[0] - goal[0]) ** 2 + (last[1] - goal[1]) ** 2 + (last[2] - goal[2]) ** 2)
         if ahead < close and _line_is_free(
-            rows, edges, fence, blockers, keep_off, last, goal, min(there, margin) - STRIDE
+            rows, edges, fence, blockers, keep_off, last, goal, least_room(there, margin)
         ):
             found = node
             break
@@ -245,7 +252,7 @@ def _shorten(
         best = k
         for far in range(count - 1, k, -1):
             there = room_at(rows, edges, fence, blockers, keep_off, path[far, 0], path[far, 1], path[far, 2])
-            least = min(min(room, there), 0.5 * margin) - STRIDE
+            least = least_room(min(room, there), 0.5 * margin)
             if _line_is_free(rows, edges, fence, blockers, keep_off, here, path[far], least):
                 best = far
                 break

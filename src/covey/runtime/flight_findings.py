@@ -19,8 +19,10 @@ LEAST_DISTANCE = 0.5
 
 
 VANISHED = 1e-6
-"""Errors below this, metres and m/s, have vanished.  By the model they get there from any start; with rotors that lag and
-commands held for 10 ms those at a constant position do too, while those on a circle stay at some centimetres.
+"""Errors below this, metres and m/s, have vanished.
+
+By the model they always get there.  Where rotors lag and commands are held for 10 ms those at a constant position do so
+too, while those on a circle stay at some centimetres.
 """
 
 
@@ -128,8 +130,8 @@ def _lyapunov(run: Run) -> tuple[Measure, ...]:
     values = run.log.signals[:, 0, SIG_V3]
     rise = float((values - np.minimum.accumulate(values)).max())
     share, least = rise / float(values[0]), float(values[-1] / values[0])
-    # Rotors that lag, drag and limits are beyond the proof: there V may rise by a little.  The logged dV3/dt cannot tell:
-    # it is the proof's formula, which is never positive.
+    # Rotors that lag, drag and limits are beyond the proof: there V may rise by a little.  The logged dV3/dt cannot
+    # tell: it is the proof's formula, which is never positive.
     return (
         Measure("largest rise above the least V so far, as a share of V at the start", share, "", share < _rise(run)),
         Measure("V at the end, as a share of V at the start", least, "", least < 0.01),
@@ -282,7 +284,8 @@ _VANISH = (
     "at the end position and velocity errors are below 1e-6 m and 1e-6 m/s, by the model and in the reference simulator"
 )
 _FALLS = (
-    "V never rises by the model; in a simulator, whose rotors lag, never by more than 0.1 % of its first value above its least so far; "
+    "V never rises by the model; in a simulator, whose rotors lag, never by more than 0.1 % of its first value "
+    "above its least so far; "
     "at the end less than 1 % of it is left"
 )
 _APART = (
@@ -315,8 +318,8 @@ STATEMENTS: tuple[Statement, ...] = (
         "section 2.3.1, Figures 2.6 to 2.8, page 22",
         "circle",
         "The vehicle gets onto the circle (cos t, −sin t, 0.5) and follows it.",
-        "in the last turn the errors stay below 1e-6 m and 1e-6 m/s by the model; 10 cm and 10 cm/s where rotors lag and "
-        "commands are held for 10 ms, which the law does not know",
+        "in the last turn the errors stay below 1e-6 m and 1e-6 m/s by the model; 10 cm and 10 cm/s where rotors lag "
+        "and commands are held for 10 ms, which the law does not know",
         _circle,
     ),
     Statement(
