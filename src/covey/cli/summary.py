@@ -108,6 +108,8 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
     facts.append(
         ("Trading", f"{_count(trades, 'trade')}, {_count(deployment.pose_optimizations, 'pose optimisation')}")
     )
+    if deployment.mission.separation is not None:
+        facts.append(("Layers", str(deployment.mission.separation)))
     if deployment.certificate is not None:
         facts.append(("Proof", certificate_line(deployment.certificate)))
         facts += [("", f"{item.kind}: {printable(item.message)}") for item in deployment.certificate.violations[:5]]

@@ -72,6 +72,7 @@ def summary(mission: Mission) -> dict[str, str]:
     -------
     dict of str to str
         One line of text for each of mission, landmarks, region, agents, sensor, coverage, flight, georeference.
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage, layers, georeference.
     """
     landmarks = mission.landmarks
     size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
@@ -97,6 +98,8 @@ def summary(mission: Mission) -> dict[str, str]:
     }
     if "flight" in mission.source:
         facts["flight"] = _flight(mission)
+    if mission.separation is not None:
+        facts["layers"] = str(mission.separation)
     origin = mission.georeference
     if origin is not None:
         facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"

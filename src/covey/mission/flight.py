@@ -37,6 +37,18 @@ class Separation:
         """Distance at which two are out of each other's way in any direction: see `Region.without_discs`, metres."""
         return self.spacing * CORNER
 
+    def __str__(self) -> str:
+        """Say it in a few words.
+
+        Examples
+        --------
+        >>> print(Separation(1.06, (0, 1, 0, 1)))
+        4 agents in 2 layers; those that share one keep 1.06 m apart
+        """
+        count = len(set(self.layers) - {None})
+        layers = f"{count} layer{'s' * (count != 1)}"
+        return f"{len(self.layers)} agents in {layers}; those that share one keep {self.spacing:.3g} m apart"
+
     def sharing(self, agent: int) -> tuple[int, ...]:
         """Return the other agents in the layer of an agent."""
         layer = self.layers[agent]

@@ -45,7 +45,7 @@ class PairProblem:
     landmarks : Landmarks
         The union of what they own.
     spacing : float
-        How far apart their positions must be, metres, as those of the present poses are; 0 if they need not.
+        How far apart new positions must be, metres; 0 if they need not.
     """
 
     models: tuple[VisibilityModel, VisibilityModel]

@@ -208,7 +208,7 @@ class _Sortie:
             self.run.tell_end(deployment)
         report = self._report(flown)
         if deployment.status is PlanStatus.SETTLED:
-            with suppress(KeyboardInterrupt):  # the flight is over: what it was must not be lost
+            with suppress(KeyboardInterrupt):  # nothing of the flight is lost by it
                 report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
             replace(deployment, flight=report, timing_s=self._timing(deployment)),
@@ -485,6 +485,8 @@ class _Sortie:
         if self._planned.separation is None:
             return 0.0
         self.run.report("comparing", force=True)
-        undisturbed = not (self._missed or self.fleet.lost)
-        apart = final if undisturbed else plan(self._planned).score.final
-        return plan(replace(self._planned, separation=None)).score.final - apart
+        free = plan(replace(self._planned, separation=None))
+        if self._missed or self.fleet.lost:  # what was flown is not what was planned
+            apart = plan(self._planned)
+            final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
+        return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan

@@ -80,7 +80,7 @@ def test_starts_are_drawn_clear_of_each_other() -> None:
         ({"layer_spacing_m": 1.0}, r"flight.layer_spacing_m: expected at least 1.92 m"),
         (
             {"layers": 1, "size": 1.0, "agents": 3},
-            r"flight: expected 3 agents in one layer to start at least 1.08 m apart .*start 0.\d+ m apart.*\(move their poses",
+            r"flight: expected 3 agents in one layer to start at least 1.08 m apart .*start 0.\d+ m apart.*\(move",
         ),
         ({"layers": 2, "size": 1.0, "agents": 6}, r"expected 6 agents in 2 layers to start"),
     ],

@@ -266,3 +266,20 @@ def test_another_seed_that_leaves_no_room_is_refused() -> None:
     near = tuple(replace(agent, pose=Pose2(0.3 * agent.pose.x, 0.3 * agent.pose.y, 0.0)) for agent in agents)
     with pytest.raises(InputError, match=r"agent-1 and agent-2 start 0\.\d+ m apart"):
         plan(replace(mission, agents=near))
+
+
+def test_a_cost_that_was_interrupted_is_not_stated(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Ctrl-C while the other plan is made: the flight is whole, and its cost is unknown instead of wrong."""
+
+    def interrupted(mission: Mission) -> Deployment:
+        return PlanRun(mission, None).interrupted()
+
+    monkeypatch.setattr("covey.runtime.fly.plan", interrupted)
+    deployment = fly(crowded(), vehicles="kinematic").deployment
+    assert deployment.flight is not None
+    assert math.isnan(deployment.flight.separation_cost)
+    assert json.loads(result_text(deployment, tmp_path))["flight"]["separation_cost"] is None
+    deployment.save(tmp_path / "out")
+    again = read_result(tmp_path / "out").flight
+    assert again is not None
+    assert math.isnan(again.separation_cost)
