@@ -118,3 +118,14 @@ def test_there_must_be_a_file(folder: Path) -> None:
     flown = covey(folder, "fly", "nowhere.yaml")
     assert flown.returncode == 2
     assert "nowhere.yaml" in flown.stderr
+
+
+def test_a_flight_that_loses_a_vehicle_has_a_code_of_its_own(folder: Path) -> None:
+    fault = "flight: {faults: [{at_s: 8, motor: {agent: b}}]}\n"
+    (folder / "faulty.yaml").write_text(MISSION + fault)
+    flown = covey(folder, "fly", "faulty.yaml", "--vehicles", "reference", "--out", "f")
+    assert flown.returncode == 4
+    assert "the flight failed, lost: b; collisions: 0" in flown.stderr
+    assert "Proof     holds" in flown.stdout
+    checked = covey(folder, "validate", "faulty.yaml")
+    assert "iris, 2 layers at 1.5 to 4.5 m, 1 fault" in checked.stdout

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from covey.errors import InputError
+from covey.errors import InputError, MissionError
 from covey.flight.fence import SLACK, Fences
 from covey.flight.layout import P, V
 from covey.mission import Mission, load_mission, parse_mission
@@ -256,6 +256,23 @@ def test_vehicles_that_start_too_close_are_refused() -> None:
     document = {**SCENE, "agents": [*SCENE["agents"], {"name": "late", "pose": {"x_m": 0.5, "y_m": 3}}]}
     with pytest.raises(InputError, match=r"green and late start 0\.50 m apart"):
         fly(parse_mission(json.dumps(document), format="json"), vehicles="kinematic")
+
+
+def test_starts_that_an_obstacle_or_another_vehicle_blocks_are_named_with_their_line() -> None:
+    over = {"box": {"x_m": [-3.5, -2.5], "y_m": [-3.5, -2.5], "z_m": [0.5, 1]}}
+    with pytest.raises(MissionError) as caught:
+        scene(obstacles=[over])
+    (mistake,) = caught.value.mistakes
+    assert mistake.key == "agents[0].pose"
+    assert mistake.line is not None
+    assert "in blue's way" in mistake.message
+    with pytest.raises(MissionError) as caught:
+        scene(obstacles=[{"sphere": {"center_m": [0, 0, 0], "radius_m": 30}}])
+    assert [mistake.key for mistake in caught.value.mistakes] == [f"agents[{i}].pose" for i in range(3)]
+    scene(obstacles=[{"box": {"x_m": [-3.5, -2.5], "y_m": [-3.5, -2.5], "z_m": [2.5, 3]}}])
+    close = {**SCENE, "flight": {}, "agents": [*SCENE["agents"], {"name": "late", "pose": {"x_m": 0.5, "y_m": 3}}]}
+    with pytest.raises(MissionError, match=r"green and late start 0\.50 m apart"):
+        parse_mission(json.dumps(close), format="json")
 
 
 def test_ctrl_c_keeps_what_is_known() -> None:
