@@ -128,4 +128,4 @@ def test_a_flight_that_loses_a_vehicle_has_a_code_of_its_own(folder: Path) -> No
     assert "the flight failed, lost: b; collisions: 0" in flown.stderr
     assert "Proof     holds" in flown.stdout
     checked = covey(folder, "validate", "faulty.yaml")
-    assert "iris, 2 layers at 1.5 to 4.5 m, 1 fault" in checked.stdout
+    assert "iris, 2 layers at 1.5 to 3.9 m, 1 fault" in checked.stdout
