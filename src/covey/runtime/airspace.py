@@ -177,9 +177,8 @@ def passable(region: Region, width: float, *, near: Pose2) -> Region:
     if len(parts) < 2:
         return region
     here = shapely.Point(near.x, near.y)
-    cuts = [part.buffer(0.5 * width, join_style="mitre") for part in parts]
-    cuts.remove(min(cuts, key=lambda shape: shape.distance(here)))
-    return _without(region, cuts, near) or region
+    mine = min(parts, key=lambda shape: shape.distance(here)).buffer(0.5 * width, join_style="mitre")
+    return _without(region, [region.shape.difference(mine)], near) or region
 
 
 def without_disc(region: Region, x: float, y: float, radius: float, *, near: Pose2) -> Region | None:

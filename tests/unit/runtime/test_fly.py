@@ -64,7 +64,7 @@ def lives_up_to_its_word(flight: Flight) -> None:
     assert report.min_separation >= report.required_separation
     assert report.min_separation <= log.separation.min()
     everybody_landed(flight)
-    assert report.max_outside_region <= OUTSIDE
+    assert report.max_outside_region <= OUTSIDE or report.lost  # one without a motor drifts
     assert report.waypoints_missed == sum(event.kind == "missed" for event in log.events)
     assert report.waypoints_reached == sum(event.kind == "reached" for event in log.events)
 
