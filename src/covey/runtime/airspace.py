@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from covey.errors import InputError
-from covey.flight.obstacles import Box, Obstacle, Sphere
+from covey.errors import ArgumentError, InputError
+from covey.flight.obstacles import Box, Obstacle, Prism, Sphere
 from covey.geometry import Pose2, Region
 from covey.geometry.region import INSET
 from covey.mission import Mission
@@ -51,6 +51,21 @@ def room_of(mission: Mission, poses: Sequence[Pose2], agent: int) -> Region:
         return region
     taken = [poses[other] for other in separation.sharing(agent)]
     return room(region, separation.spacing, taken, own=poses[agent])
+
+
+def check_own_layers(mission: Mission) -> None:
+    """Check that no two agents fly at one altitude: only a team in one process sees every place on offer.
+
+    Raises
+    ------
+    InputError
+        If agents share a layer.
+    """
+    if mission.separation is not None:
+        raise InputError(
+            f"{mission.path or mission.name}: flight: expected a layer for each agent: those that share one need an "
+            "airspace that all see, which agents in processes of their own do not have; raise ceiling_m or layers"
+        )
 
 
 def check_clear_starts(mission: Mission) -> None:
@@ -186,6 +201,23 @@ def without_disc(region: Region, x: float, y: float, radius: float, *, near: Pos
     import shapely
 
     return _without(region, [shapely.Point(x, y).buffer(radius, quad_segs=6)], near)
+
+
+def cylinder(x: float, y: float, radius: float, height: float) -> Prism:
+    """Return a cylinder that stands on the ground, metres, as a prism of 16 sides around it.
+
+    Raises
+    ------
+    ArgumentError
+        If it is smaller than 0.01 m, or larger than 1000 m.
+    """
+    for name, value in (("radius", radius), ("height", height)):
+        if not 0.01 <= value <= 1000.0:
+            raise ArgumentError(f"{name}: expected 0.01 m to 1000 m, got {value:g}")
+    sides = 16
+    reach = radius / math.cos(math.pi / sides)
+    corners = [(x + reach * math.cos(turn), y + reach * math.sin(turn)) for turn in np.arange(sides) * math.tau / sides]
+    return Prism(tuple(corners), 0.0, height)
 
 
 def _cut(obstacle: Obstacle, altitude: float, clearance: float) -> shapely.Geometry | None:

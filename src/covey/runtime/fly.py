@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 import time
 from collections.abc import Callable
@@ -14,39 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.coverage import agent_scores, team_visibility
+from covey.errors import ArgumentError
 from covey.flight.layout import P
 from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
-from covey.runtime.airspace import check_starts, clear_region, passable, without_disc
+from covey.runtime.airspace import check_starts, clear_region, cylinder, passable, without_disc
 from covey.runtime.feed import Run, Watcher
-from covey.runtime.plan import PlanRun, plan, software_versions
+from covey.runtime.leg import AT_REST, BELOW_GROUND, Leg
+from covey.runtime.plan import PlanRun, separation_cost, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.steering import AddObstacle, Kill, Request, Steering
 from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
-from covey.runtime.world import build_fleet
+from covey.runtime.world import build_fleet, not_felt
 from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
 from covey.vehicles.flight_log import FlightLog
 
 SLOWEST, GRACE = 0.25, 20.0
 """A leg may take its length at this speed, m/s, and so many seconds more; then its waypoint counts as unreachable."""
-
-BELOW_GROUND = 0.3
-"""To land, a vehicle is led to so far below the ground, metres: it touches down at about as many m/s."""
-
-AT_REST = 0.5
-"""After the last motors have stopped, vehicles are given so many seconds to come to rest."""
-
-
-class Leg(enum.Enum):
-    """What a vehicle is on its way to: kinds of the events when it gets there or does not, and both in words."""
-
-    TAKE_OFF = ("airborne", "grounded", "is at its altitude", "cannot rise to its altitude")
-    WAYPOINT = ("reached", "missed", "reached its waypoint", "cannot reach its waypoint and holds where it is")
-    HOME = ("home", "astray", "is back above its start", "cannot get back above its start and lands where it is")
-    LANDING = ("landed", "aloft", "landed", "cannot land")
-
-    def __init__(self, reached: str, missed: str, arrival: str, failure: str) -> None:
-        self.reached, self.missed, self.arrival, self.failure = reached, missed, arrival, failure
 
 
 class Moment(NamedTuple):
@@ -100,6 +84,7 @@ def fly(
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Flight:
     """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
 
@@ -116,6 +101,8 @@ def fly(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it, set its speed, let vehicles fail and put obstacles in their way.
 
     Returns
     -------
@@ -135,7 +122,10 @@ def fly(
     if seed is not None:
         mission = mission.with_seed(seed)
     check_starts(mission)
-    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()
+    sortie = _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch)
+    if steering is not None:
+        sortie.let_steer(steering)
+    return sortie.fly()
 
 
 class _Sortie:
@@ -183,7 +173,7 @@ class _Sortie:
     def fly(self) -> Flight:
         """Fly from take-off to landing."""
         deployment, flown = None, math.nan
-        ignored = self._ignored()
+        ignored = not_felt(self._spec, self.fleet.kind)
         if ignored:
             self._note("ignored", [], f"kinematic vehicles do not feel {ignored}: choose other vehicles to try that")
         try:
@@ -217,6 +207,12 @@ class _Sortie:
             tuple(self._appeared),
             tuple(self._moments),
         )
+
+    def let_steer(self, steering: Steering) -> None:
+        """From now on do what others ask for."""
+        steering.measure(lambda: self.fleet.time, 0.1)
+        steering.offer(Kill, AddObstacle)
+        self.run.steering = steering
 
     # Travel
 
@@ -259,6 +255,9 @@ class _Sortie:
         now = self.fleet.time
         while self._faults and self._faults[0].at <= now:
             self._fail()
+        if self.run.steering is not None:
+            for request in self.run.steering.take():
+                self._grant(request)
         for agent in list(self._deadlines):
             if self._leg is Leg.LANDING and self.fleet.on_ground(agent):
                 self._touch_down(agent)
@@ -315,23 +314,34 @@ class _Sortie:
             self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
-            self._obstacles.append(fault.obstacle)
-            self._appeared.append(self.fleet.time)
-            self.fleet.add_obstacle(fault.obstacle)
-            if self._teller is not None:
-                self._teller.appeared(fault.obstacle)
-            self._note("fault", [], "an obstacle appears")
-            self._check_waypoints()
+            self._appear(fault.obstacle)
 
-    def _ignored(self) -> str:
-        """Say what of the mission changes nothing for kinematic vehicles."""
-        spec = self._spec
-        felt = {
-            "wind": not spec.wind.calm,
-            "noise": not spec.noise.exact,
-            "motors that stop": any(fault.rotor is not None for fault in spec.faults),
-        }
-        return ", ".join(name for name, given in felt.items() if given) if self.fleet.kind is Kind.KINEMATIC else ""
+    def _appear(self, obstacle: Obstacle) -> None:
+        self._obstacles.append(obstacle)
+        self._appeared.append(self.fleet.time)
+        self.fleet.add_obstacle(obstacle)
+        if self._teller is not None:
+            self._teller.appeared(obstacle)
+        self._note("fault", [], "an obstacle appears")
+        self._check_waypoints()
+
+    def _grant(self, request: Request) -> None:
+        """Do what a visitor asks for, or say why not."""
+        match request.command:
+            case Kill(agent):
+                if not 0 <= agent < self.fleet.n or agent in self.fleet.lost:
+                    request.refuse("agent: expected one that still flies")
+                else:
+                    self.fleet.lose(agent, "was switched off")
+            case AddObstacle(x, y, radius, height):
+                room = radius + self.fleet.required_separation
+                if any(math.hypot(x - row[P], y - row[P + 1]) < room for row in self.fleet.state):
+                    request.refuse(f"obstacle: expected {room:.2f} m between its centre and each vehicle")
+                    return
+                try:
+                    self._appear(cylinder(x, y, radius, height))
+                except ArgumentError as error:
+                    request.refuse(str(error))
 
     def _check_waypoints(self) -> None:
         """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
@@ -363,6 +373,8 @@ class _Sortie:
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
+        if self._teller is not None:
+            self._teller.note(self.fleet.time, "landing", range(self.fleet.n), "all fly home and land")
         self._leg = Leg.HOME
         for agent in self._flying():
             self._depart(agent, self._homes[agent], self.altitudes[agent])
@@ -481,12 +493,5 @@ class _Sortie:
         return {**timing, "total": time.monotonic() - self._began}
 
     def _separation_cost(self, final: float) -> float:
-        """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
-        if self._planned.separation is None:
-            return 0.0
         self.run.report("comparing", force=True)
-        free = plan(replace(self._planned, separation=None))
-        if self._missed or self.fleet.lost:  # what was flown is not what was planned
-            apart = plan(self._planned)
-            final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
-        return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan
+        return separation_cost(self._planned, None if self._missed or self.fleet.lost else final)

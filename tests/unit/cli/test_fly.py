@@ -67,6 +67,7 @@ def test_a_mission_is_flown_certified_and_not_overwritten(folder: Path) -> None:
         "flight.npz",
         "flight.pdf",
         "flight.png",
+        "record.mcap",
         "result.json",
     }
 
