@@ -100,7 +100,7 @@ def test_an_exercise_that_misses_its_goal_says_so(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("x_m: 1,", "x_m: -0.5,", "agents: expected vehicles that start at least 0.96 m apart"),
+        ("x_m: 1,", "x_m: -0.5,", "a and b start 0.50 m apart, expected at least 0.96 m"),
         ("seed: 3", "flight: {vehicle: iriss}", "mission.yaml:4:10: flight.vehicle: expected 'crazyflie' or 'iris'"),
         ("seed: 3", "flight: {ceiling_m: 1}", "flight.ceiling_m: expected at least altitude_m, 1.5 m, got 1"),
         ("seed: 3", "flight: {ceiling_m: 2, layers: 2}", "flight.ceiling_m: expected room for 2 layers up to 3.9 m"),
