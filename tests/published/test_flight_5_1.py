@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from covey.mission import Mission, load_mission, parse_mission
-from covey.runtime.fly import Flight, fly
+from covey.runtime.flight import Flight
+from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.result import PlanStatus
 

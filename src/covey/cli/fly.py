@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,7 +13,7 @@ from covey.cli.paths import named_path
 from covey.cli.view import Host, Open, Port, Speed, View, live
 
 if TYPE_CHECKING:
-    from covey.runtime.fly import Flight
+    from covey.runtime.flight import Flight
     from covey.runtime.result import Progress
 
 VIOLATED = 1
@@ -55,7 +56,8 @@ def fly(
     """Fly a mission in simulation: take off, trade and fly until nobody gains, land.
 
     The result directory gets what `covey plan` writes, record.mcap with the flight, its log (flight.npz), figures
-    (flight.png, flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
+    (flight.png, flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then;
+    while the film is made it leaves the result without one.
 
     With --view a page in the browser shows it live, in real time, and lets you pause, put obstacles in the way and let
     vehicles fail; it stays until Ctrl-C, or not at all where no terminal is.
@@ -100,11 +102,12 @@ def fly(
     from covey.cli.recording import Recording
     from covey.runtime.fly import fly as fly_mission
     from covey.runtime.record import check_result_target, default_directory, result_text
-    from covey.runtime.sortie_record import write_flight
+    from covey.runtime.sortie_record import film_flight, write_flight
 
     target = default_directory(f"{loaded.name}-flown", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
+    filmed = False
     with live(view, mission=loaded, host=host, port=port, open_page=open_page, speed=speed, usual=1.0) as shown:
         with (
             Interruption() as interruption,
@@ -125,8 +128,11 @@ def fly(
                 steering=shown.steering,
             )
             try:
-                write_flight(flight, target, overwrite=force, film=film, on_progress=progress)
+                write_flight(flight, target, overwrite=force)
                 recording.keep()
+                if film:
+                    with suppress(KeyboardInterrupt):  # all else is there
+                        filmed = film_flight(flight, target, on_progress=report) is not None
             except OutputError as error:  # what was found must not be lost with it
                 failure = recording.lost(error)
         deployment = flight.deployment
@@ -140,14 +146,18 @@ def fly(
             shown.stay()
     if failure is not None:
         raise failure
-    _leave(flight, target)
+    _leave(flight, target, interrupted=interruption.noted, without_film=film and not filmed)
 
 
-def _leave(flight: Flight, target: Path) -> None:
+def _leave(flight: Flight, target: Path, *, interrupted: bool, without_film: bool) -> None:
     deployment = flight.deployment
     certificate = deployment.certificate
     if deployment.status.value == "interrupted":
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
+        raise typer.Exit(INTERRUPTED)
+    if interrupted:
+        missing = ", without a film" if without_film else ""
+        typer.echo(f"covey: interrupted; the flight was over and is in {target}{missing}", err=True)
         raise typer.Exit(INTERRUPTED)
     if certificate is not None and not certificate.holds:
         count = len(certificate.violations)

@@ -33,6 +33,8 @@ def reproduce(
 
     thesis-flight: Figures 2.2 to 2.9 and 3.1 to 3.4, and the tests of sections 2.3.2, 3.4.2 and 3.4.3, as one page.
 
+    Ctrl-C keeps what is finished: the seeds that were planned, the scenes that were flown.
+
     [bold]Examples[/bold]
 
       covey reproduce thesis-5.1
@@ -67,3 +69,6 @@ def reproduce(
     if not quiet:
         typer.echo(text)
         typer.echo(f"The page is {target / 'index.html'}")
+    if interruption.noted:
+        typer.echo(f"covey: interrupted; what was finished by then is in {target}", err=True)
+        raise typer.Exit(INTERRUPTED)

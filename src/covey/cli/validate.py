@@ -1,4 +1,4 @@
-"""`covey validate`: is this mission file right, and what does it say?"""
+"""`covey validate`: is this mission or exercise file right, and what does it say?"""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.mission import Mission, SensorSpec
+    from covey.mission.exercise import Exercise, Task
 
 
 def validate(
     files: Annotated[
         list[Path],
-        typer.Argument(parser=named_path, metavar="FILE...", help="Mission files: YAML, TOML or JSON."),
+        typer.Argument(parser=named_path, metavar="FILE...", help="Mission or exercise files: YAML, TOML or JSON."),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Report every mistake in mission files at once, or say what is in them."""
+    """Report every mistake in mission or exercise files at once, or say what is in them."""
     from covey.errors import MissionError
     from covey.mission import load_mission
+    from covey.mission.exercise import is_exercise, load_exercise
 
     findings: list[dict[str, Any]] = []
     for file in files:
         try:
             _check_regular(file)
-            mission = load_mission(file)
+            facts = exercise_summary(load_exercise(file)) if is_exercise(file) else summary(load_mission(file))
         except MissionError as error:
             mistakes = [vars(mistake) for mistake in error.mistakes]
             findings.append({"file": str(file), "valid": False, "mistakes": mistakes})
             if not json:
                 typer.echo(str(error))
             continue
-        facts = summary(mission)
         findings.append({"file": str(file), "valid": True, "mistakes": [], "summary": facts})
         if not json:
             typer.echo(f"{file}: valid")
@@ -71,8 +72,8 @@ def summary(mission: Mission) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        One line of text for each of mission, landmarks, region, agents, sensor, coverage, flight, georeference.
-        One line of text for each of mission, landmarks, region, agents, sensor, coverage, layers, georeference.
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage and, where the mission has
+        them, flight, layers and georeference.
     """
     landmarks = mission.landmarks
     size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
@@ -104,6 +105,50 @@ def summary(mission: Mission) -> dict[str, str]:
     if origin is not None:
         facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"
     return facts
+
+
+def exercise_summary(exercise: Exercise) -> dict[str, str]:
+    """Say in a few lines what an exercise holds.
+
+    Parameters
+    ----------
+    exercise : Exercise
+
+    Returns
+    -------
+    dict of str to str
+        One line of text for each of exercise, vehicles and, where it has them, obstacles, objects and weather.
+    """
+    vehicles = [f"{item.name} ({item.parameters.name}) {_task(item.task, exercise)}" for item in exercise.vehicles[:8]]
+    rest = ["..."] if len(exercise.vehicles) > 8 else []
+    facts = {
+        "exercise": f"{exercise.name}, seed {exercise.seed}, {exercise.duration:g} s",
+        "vehicles": f"{len(exercise.vehicles)}: {', '.join(vehicles + rest)}",
+    }
+    if exercise.obstacles:
+        facts["obstacles"] = str(len(exercise.obstacles))
+    if exercise.objects:
+        facts["objects"] = ", ".join(
+            f"{item.name}, radius {item.radius:g} m, {item.speed:g} m/s" for item in exercise.objects
+        )
+    weather = [name for name, there in (("wind", not exercise.wind.calm), ("noise", not exercise.noise.exact)) if there]
+    if weather:
+        facts["weather"] = ", ".join(weather)
+    return facts
+
+
+def _task(task: Task, exercise: Exercise) -> str:
+    from covey.mission.exercise import Circle, Follow, Goal
+
+    match task:
+        case Goal():
+            return "goes to ({:g}, {:g}, {:g}) m".format(*task.p_W)
+        case Circle():
+            return f"flies a circle of {task.radius:g} m"
+        case Follow():
+            return f"follows {exercise.vehicles[task.leader].name}"
+        case None:
+            return "stays"
 
 
 def _sensor(sensor: SensorSpec) -> str:

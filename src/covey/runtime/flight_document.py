@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from covey.runtime.checked import CheckedValue
@@ -29,11 +30,16 @@ def flight_document(flight: FlightReport) -> dict[str, Any]:
         "waypoints_missed": int(flight.waypoints_missed),
         "score_flown": _number(flight.score_flown),
         "lost": list(flight.lost),
-        "events": [
-            {"time_s": _number(event.time), "event": event.kind, "agents": list(event.vehicles), "text": event.text}
-            for event in flight.events
-        ],
+        "events": events_document(flight.events),
     }
+
+
+def events_document(events: Sequence[FlightEvent]) -> list[dict[str, Any]]:
+    """Return the events of a flight as plain data; vehicles go by the names of their agents."""
+    return [
+        {"time_s": _number(event.time), "event": event.kind, "agents": list(event.vehicles), "text": event.text}
+        for event in events
+    ]
 
 
 def read_flight(value: CheckedValue) -> FlightReport:

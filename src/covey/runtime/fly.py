@@ -6,11 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
 
 from covey.coverage import agent_scores, team_visibility
 from covey.errors import ArgumentError
@@ -20,6 +16,7 @@ from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
 from covey.runtime.airspace import check_starts, clear_region, cylinder, passable, without_disc
 from covey.runtime.feed import Run, Watcher
+from covey.runtime.flight import Flight, Moment
 from covey.runtime.leg import AT_REST, BELOW_GROUND, Leg
 from covey.runtime.plan import PlanRun, separation_cost, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
@@ -27,53 +24,9 @@ from covey.runtime.steering import AddObstacle, Kill, Request, Steering
 from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet, not_felt
 from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
-from covey.vehicles.flight_log import FlightLog
 
 SLOWEST, GRACE = 0.25, 20.0
 """A leg may take its length at this speed, m/s, and so many seconds more; then its waypoint counts as unreachable."""
-
-
-class Moment(NamedTuple):
-    """The committed state of a team from a time on.
-
-    Parameters
-    ----------
-    time : float
-        Seconds since the flight began.
-    owner : array, shape (n,)
-        Index of each landmark's owner.
-    poses : tuple of Pose2
-        The committed poses.
-    """
-
-    time: float
-    owner: NDArray[np.int64]
-    poses: tuple[Pose2, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """A mission that was flown.
-
-    Parameters
-    ----------
-    deployment : Deployment
-        What the team settled on, with `Deployment.flight`.
-    log : FlightLog
-        Everything over time.
-    obstacles : tuple of Obstacle
-        Those of the mission, and those that appeared.
-    appeared : tuple of float
-        When each of them did, seconds; 0 for those of the mission.
-    moments : tuple of Moment
-        Who owned what, each time that it changed.
-    """
-
-    deployment: Deployment
-    log: FlightLog
-    obstacles: tuple[Obstacle, ...]
-    appeared: tuple[float, ...]
-    moments: tuple[Moment, ...]
 
 
 def fly(

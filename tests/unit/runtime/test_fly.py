@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import itertools
 import json
 import math
@@ -12,18 +13,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from covey.errors import InputError, MissionError
+import covey
+from covey.errors import InputError, MissionError, OutputError
 from covey.flight.fence import SLACK, Fences
 from covey.flight.layout import P, V
 from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.certify import certify
 from covey.runtime.feed import Motion, ObstacleAppeared
-from covey.runtime.fly import Flight, fly
+from covey.runtime.flight import Flight
+from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.record import read_result, result_text
 from covey.runtime.result import PlanStatus, Progress
-from covey.runtime.sortie_record import write_flight
+from covey.runtime.sortie_record import film_flight, write_flight
 from covey.runtime.steering import AddObstacle, Command, Kill, Steering
 from covey.vehicles.fleet import OUTSIDE
 from covey.vehicles.flight_log import FlightLog
@@ -296,6 +300,50 @@ def test_ctrl_c_before_anything_is_known() -> None:
 
     flight = fly(scene(), vehicles="reference", on_progress=interrupt)
     assert flight.deployment.status is PlanStatus.INTERRUPTED
+
+
+def test_a_film_that_is_interrupted_leaves_the_flight(calm: Flight, tmp_path: Path) -> None:
+    def interrupt(news: Progress) -> None:
+        assert news.stage == "filming"
+        if news.fraction:
+            raise KeyboardInterrupt
+
+    target = write_flight(calm, tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in target.iterdir()}
+    with pytest.raises(KeyboardInterrupt):
+        film_flight(calm, target, on_progress=interrupt)
+    assert {path.name: path.read_bytes() for path in target.iterdir()} == before
+
+
+def test_a_flight_draws_saves_and_shows_itself(calm: Flight, tmp_path: Path) -> None:
+    assert isinstance(calm, covey.Flight)
+    assert isinstance(calm.log, covey.FlightLog)
+    axes = calm.plot()
+    assert (axes.get_xlabel(), len(axes.figure.axes) > 3) == ("x [m]", True)
+    alone = Figure().subplots()
+    assert calm.plot(alone) is alone
+    assert {"blue", "red", "green"} <= {line.get_label() for line in alone.lines}
+    picture = calm._repr_png_()
+    assert picture is not None
+    assert picture.startswith(b"\x89PNG")
+    assert "<img" in calm._repr_html_()
+    assert repr(calm).startswith(f"Flight('{calm.deployment.mission.name}', ")
+    assert read_result(calm.save(tmp_path / "out")).flight == calm.deployment.flight
+    with pytest.raises(OutputError, match="is not empty"):
+        calm.save(tmp_path / "out")
+    assert (calm.save(tmp_path / "out", overwrite=True) / "flight.npz").exists()
+
+
+def test_a_flight_that_ended_at_once_shows_itself_in_words() -> None:
+    def interrupt(news: Progress) -> None:
+        raise KeyboardInterrupt
+
+    flight = fly(scene(), vehicles="kinematic", on_progress=interrupt)
+    empty = dataclasses.replace(flight, log=dataclasses.replace(flight.log, time=flight.log.time[:1]))
+    assert empty._repr_png_() is None
+    assert empty._repr_html_() == html.escape(repr(empty))
+    with pytest.raises(covey.ArgumentError, match="expected two moments"):
+        empty.plot()
 
 
 def test_a_flight_is_written_and_read_back(calm: Flight, tmp_path: Path) -> None:
