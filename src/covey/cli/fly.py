@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import INTERRUPTED, Interruption
-from covey.cli.paths import named_path
 from covey.cli.view import Host, Open, Port, Speed, View, live
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def fly(
         Literal["mujoco", "reference", "kinematic"],
         typer.Option(help="What flies: MuJoCo's rigid bodies, our own equations, or points that follow exactly."),
     ] = "mujoco",
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness, instead of the mission's.")] = None,
+    seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -46,7 +46,7 @@ def fly(
     film: Annotated[bool, typer.Option("--film", help="Also make a film of it: mp4, or gif without ffmpeg.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the content of result.json, nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR, all its files.")] = False,
     view: View = False,
     port: Port = 0,
     host: Host = "127.0.0.1",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from covey.cli.arguments import named_path
 from covey.cli.interrupt import INTERRUPTED, Interruption
-from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.runtime.result import Progress

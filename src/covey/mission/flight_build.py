@@ -158,13 +158,21 @@ def crowded(mission: Mission, close: Sequence[tuple[int, int, float]]) -> str:
 
 def _check_speed(section: FlightSection, vehicle: str, report: Report) -> None:
     """Check that vehicles this fast can still keep apart (P4)."""
-    from covey.flight.navigation_options import NavigationOptions
+    from covey.flight.navigation_options import NavigationOptions, fastest
     from covey.flight.parameters import load_vehicle
 
+    path: KeyPath = ("flight", "max_speed_m_s")
+    parameters = load_vehicle(vehicle)
+    most, asked = fastest(parameters), section.max_speed_m_s
+    if asked is not None and asked > most:
+        shown = math.floor(100.0 * most) / 100.0
+        message = f"{parameters.name} vehicles could not keep apart at this speed: expected at most {shown:.2f} m/s"
+        report.add(path, f"{message}, got {asked:g}")
+        return
     try:
-        NavigationOptions.for_vehicle(load_vehicle(vehicle), max_speed=section.max_speed_m_s)
+        NavigationOptions.for_vehicle(parameters, max_speed=asked)
     except CoveyError as error:
-        report.add(("flight", "max_speed_m_s"), f"vehicles could not keep apart at this speed: {error}")
+        report.add(path, f"vehicles could not keep apart at this speed: {error}")
 
 
 def _vehicle(name: str, report: Report, folder: Path) -> str | None:
@@ -194,6 +202,12 @@ def build_obstacle(section: ObstacleSection, path: KeyPath, report: Report) -> O
     given = [key for key in ("sphere", "box", "prism") if getattr(section, key) is not None]
     if len(given) != 1:
         report.add(path, f"expected exactly one of sphere, box, prism, got {', '.join(given) or 'none'}")
+        return None
+    shape = section.box or section.prism
+    empty = [key for key in ("x_m", "y_m", "z_m") if (side := getattr(shape, key, None)) and side[0] >= side[1]]
+    if empty:
+        shown = ", ".join(f"{key} [{low:g}, {high:g}]" for key in empty for low, high in [getattr(shape, key)])
+        report.add((*path, given[0]), f"expected min < max, got {shown}")
         return None
     try:
         if section.sphere is not None:

@@ -95,7 +95,7 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize(
-    ("last", "flown", "figures"), [("flying swap", 2, 2), ("drawing swap-separation", 3, 1)], ids=["flying", "drawing"]
+    ("last", "flown", "figures"), [("flying swap", 2, 2), ("drawing swap-separation", 3, 2)], ids=["flying", "drawing"]
 )
 def test_ctrl_c_keeps_what_is_finished(last: str, flown: int, figures: int, tmp_path: Path) -> None:
     heard = False
