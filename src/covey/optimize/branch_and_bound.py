@@ -20,12 +20,13 @@ from covey.compiled import fast_kernel, kernel
 from covey.errors import ArgumentError
 from covey.geometry import Pose2
 from covey.optimize import blackbox
-from covey.optimize.ascent import ascend, contains_point, nearest_on_edges, pose_value
+from covey.optimize.ascent import contains_point, nearest_on_edges, pose_value
 from covey.optimize.base import PoseProblem, PoseResult, Status
 from covey.optimize.packing import landmark_columns
-from covey.optimize.search import POLISH, Search
+from covey.optimize.pose_ascent import POLISH, STATE, STRIDE, begin, climb, settle
+from covey.optimize.search import PRECISION, Search
 from covey.sensing.base import is_compiled
-from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
+from covey.sensing.kernels import ANISOTROPIC, ISOTROPIC, ORIENTED, linear_bounds
 
 CUT = 3.0
 """The heading of a box is cut when half its arc, radians, is more than this times half its longer side."""
@@ -33,7 +34,7 @@ CUT = 3.0
 SMALLEST = 1e-10
 """Boxes smaller than this times the region are not cut."""
 
-BRIEF = Search(anchors=32, starts=8, keep=2)
+BRIEF = Search(anchors=32, starts=8, rounds=((8, 4), (14, 1)))
 """What looks for a better pose before the proof of one that is known; the proof itself finds what is left."""
 
 SECTORS = 8
@@ -61,6 +62,30 @@ def _corner_sums(lines: NDArray[np.float64], tx: float, ty: float, c: float) -> 
 
 
 @fast_kernel
+def _level_corner_sums(lines: NDArray[np.float64], tx: float, ty: float, c: float) -> tuple[float, float, float, float]:
+    """Return `_corner_sums` where the constants do not change with the offset."""
+    pp = pm = mp = mm = 0.0
+    for k in range(lines.shape[1]):
+        centre = lines[0, k] * tx + lines[1, k] * ty + _constant(lines[2, k], c)
+        ex = lines[3, k] * tx + lines[4, k] * ty
+        ey = lines[6, k] * tx + lines[7, k] * ty
+        plus = centre + ex
+        minus = centre - ex
+        pp += max(0.0, plus + ey)
+        pm += max(0.0, plus - ey)
+        mp += max(0.0, minus + ey)
+        mm += max(0.0, minus - ey)
+    return pp, pm, mp, mm
+
+
+@kernel
+def _sums(kind: int, lines: NDArray[np.float64], tx: float, ty: float, c: float) -> tuple[float, float, float, float]:
+    if kind == ANISOTROPIC:
+        return _level_corner_sums(lines, tx, ty, c)
+    return _corner_sums(lines, tx, ty, c)
+
+
+@fast_kernel
 def _constant(level: float, c: float) -> float:
     """Raise a constant so far that it holds when both ends of the arc are added up with factors of 1 to 1/c in all."""
     return max(level, c * level)
@@ -77,7 +102,8 @@ def _arc(first: float, last: float, c: float, s: float) -> float:
     change = abs(last - first)
     if change * c * c >= total * s * s:
         return max(first, last)
-    return 0.5 * math.hypot(total / c, change / s)
+    a, b = total / c, change / s
+    return 0.5 * math.sqrt(a * a + b * b)
 
 
 @kernel
@@ -105,12 +131,13 @@ def _box_bound(
         corners = _corner_sums(lines, 0.0, 0.0, 1.0)
         return max(max(corners[0], corners[1]), max(corners[2], corners[3])), False
     c, s = math.cos(width), math.sin(width)
-    first = _corner_sums(lines, math.cos(psi - width), math.sin(psi - width), c)
+    dx, dy = math.cos(psi), math.sin(psi)
+    first = _sums(kind, lines, dx * c + dy * s, dy * c - dx * s, c)
     bound = max(max(first[0], first[1]), max(first[2], first[3]))
     turned = width > CUT * max(box[3], box[4])
     if bound > target:
         return math.inf, turned
-    last = _corner_sums(lines, math.cos(psi + width), math.sin(psi + width), c)
+    last = _sums(kind, lines, dx * c - dy * s, dy * c + dx * s, c)
     for corner in range(4):
         bound = max(bound, _arc(first[corner], last[corner], c, s))
     return bound, turned
@@ -128,7 +155,6 @@ def _branch(
     stack: NDArray[np.float64],
     top: int,
     closed: float,
-    polish: int,
     rounding: float,
     smallest: float,
 ) -> tuple[int, float, int]:
@@ -155,12 +181,8 @@ def _branch(
     n = columns.shape[1]
     lines = np.empty((9, n))
     vertices = np.empty((3, 2))
-    kinds = np.zeros(1, dtype=np.int64)
-    kinds[0] = kind
-    scales = np.ones(1)
-    offsets = np.zeros(2, dtype=np.int64)
-    offsets[1] = inset.shape[0]
-    start = np.empty((1, 3))
+    pose = np.empty(3)
+    state = np.empty(STATE)
     box = np.empty(8)
     parent = np.empty(8)
     while top > 0 and limit > 0 and top < stack.shape[0] - 2:
@@ -198,10 +220,13 @@ def _branch(
                 x, y, _, _ = nearest_on_edges(inset, x, y)
             value = pose_value(kind, columns, 1.0, x, y, math.cos(box[2]), math.sin(box[2]))
             if value > best[0]:
-                start[0, 0], start[0, 1], start[0, 2] = x, y, box[2]
-                value, pose, _ = ascend(kinds, scales, columns, inset, offsets, start, polish, 1e-10)
+                pose[:] = (x, y, box[2])
+                begin(kind, columns, 1.0, inset, pose, STRIDE, state)
+                climb(kind, columns, 1.0, inset, state, POLISH, PRECISION)
+                value = settle(1.0, inset, state, pose)
                 if value > best[0]:
-                    best[0], best[1], best[2], best[3] = value, pose[0, 0], pose[0, 1], pose[0, 2]
+                    best[0] = value
+                    best[1:] = pose
             for j in range(6):
                 stack[top, j] = box[j]
             stack[top, 6] = child
@@ -298,7 +323,6 @@ class Exact:
                 stack,
                 top,
                 closed,
-                POLISH,
                 rounding,
                 SMALLEST * size,
             )

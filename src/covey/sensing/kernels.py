@@ -76,19 +76,12 @@ def visibility_gradients(
 
 @fast_kernel
 def gain_gradient(
-    kind: int,
-    landmarks: NDArray[np.float64],
-    inverse: float,
-    px: float,
-    py: float,
-    c: float,
-    s: float,
-    gradient: NDArray[np.float64],
-) -> float:
+    kind: int, landmarks: NDArray[np.float64], inverse: float, px: float, py: float, c: float, s: float
+) -> tuple[float, float, float, float]:
     """Sum of ``w_k max(0, vis - lambda_k)`` over all landmarks from one pose, and its gradient.
 
     The formulas are those of `visibility_gradients`, whose arguments these are; summing on the way saves the trip
-    through memory.  `gradient`, shape (3,), is overwritten: by the position in optimal distances, and by the heading.
+    through memory.  The gradient is by the position in optimal distances (two numbers), and by the heading.
     """
     total = gx = gy = gt = 0.0
     for k in range(landmarks.shape[1]):
@@ -124,10 +117,31 @@ def gain_gradient(
                 gt += w * turn
             gx -= w * (c * i - g * qx)
             gy -= w * (s * i - g * qy)
-    gradient[0] = gx
-    gradient[1] = gy
-    gradient[2] = gt
-    return total
+    return total, gx, gy, gt
+
+
+@fast_kernel
+def best_turn(
+    landmarks: NDArray[np.float64], inverse: float, px: float, py: float, c: float, s: float
+) -> tuple[float, float]:
+    """Turn the anisotropic sensor, where it stands, to what it sees: (angle, a sum of gains it has there at least).
+
+    Over the landmarks that count, those with vis > lambda, the sum of gains is V . d - L with one vector V and one
+    number L.  It is largest where d points along V, and landmarks that count there on top only add to it.  The
+    arguments are those of `gain_gradient`.
+    """
+    total = ahead = aside = 0.0
+    for k in range(landmarks.shape[1]):
+        qx = (landmarks[0, k] - px) * inverse
+        qy = (landmarks[1, k] - py) * inverse
+        i = 1.0 / max(qx * qx + qy * qy, 1.0)
+        value = (qx * c + qy * s) * i
+        gain = value - landmarks[5, k]
+        w = landmarks[4, k] if gain > 0.0 else 0.0
+        total += w * gain
+        ahead += w * value
+        aside += w * ((qy * c - qx * s) * i)
+    return math.atan2(aside, ahead), total + math.sqrt(ahead * ahead + aside * aside) - ahead
 
 
 @fast_kernel
