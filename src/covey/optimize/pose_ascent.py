@@ -199,7 +199,7 @@ def climb(
 @kernel
 def settle(unit: float, edges: NDArray[np.float64], state: NDArray[np.float64], pose: NDArray[np.float64]) -> float:
     """Fill the pose, shape (3,), metres and radians, inside the region, that a climb is at; return its value."""
-    value = state[VALUE]
+    value = float(state[VALUE])
     pose[0], pose[1], pose[2] = state[X] * unit, state[Y] * unit, state[YAW]
     if not contains_point(edges, pose[0], pose[1]):
         x, y, _, _ = nearest_on_edges(edges, pose[0], pose[1])

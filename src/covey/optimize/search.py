@@ -169,11 +169,11 @@ def _search(
     poses = np.empty((draws.shape[0] * HEADINGS, 3))
     _candidates(columns, edges, unit, draws, poses)
     values = np.empty(poses.shape[0])
-    turns = np.zeros(poses.shape[0])
+    seen = np.zeros((poses.shape[0], 2))
     for i in range(poses.shape[0]):
         c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
         if kind == ANISOTROPIC:
-            turns[i], values[i] = best_turn(columns, 1.0 / unit, poses[i, 0], poses[i, 1], c, s)
+            seen[i, 0], seen[i, 1], values[i] = best_turn(columns, 1.0 / unit, poses[i, 0], poses[i, 1], c, s)
         else:
             values[i] = pose_value(kind, columns, 1.0 / unit, poses[i, 0], poses[i, 1], c, s)
     chosen = np.empty(count, dtype=np.int64)
@@ -181,7 +181,7 @@ def _search(
     starts = np.empty((found + start.shape[0], 3))
     for i in range(found):
         starts[i] = poses[chosen[i]]
-        starts[i, 2] += turns[chosen[i]]
+        starts[i, 2] += math.atan2(seen[chosen[i], 1], seen[chosen[i], 0])
     starts[found:] = start
     known = -math.inf
     for pose in start:
@@ -228,7 +228,7 @@ class Search:
         if not is_compiled(model):
             return blackbox.search(problem, start=start, rng=rng)
         if not len(problem.landmarks):
-            return PoseResult(start or Pose2(*region.sample(1, rng=rng)[0], 0.0), 0.0, evaluations=1)
+            return PoseResult(start or Pose2.from_array([*region.sample(1, rng=rng)[0], 0.0]), 0.0)
         best = np.empty(3)
         value, known, evaluations = _search(
             int(model.kernel),

@@ -123,12 +123,12 @@ def gain_gradient(
 @fast_kernel
 def best_turn(
     landmarks: NDArray[np.float64], inverse: float, px: float, py: float, c: float, s: float
-) -> tuple[float, float]:
-    """Turn the anisotropic sensor, where it stands, to what it sees: (angle, a sum of gains it has there at least).
+) -> tuple[float, float, float]:
+    """Turn the anisotropic sensor, where it stands, to what it sees: (V along d, V across d, sum of gains there).
 
     Over the landmarks that count, those with vis > lambda, the sum of gains is V . d - L with one vector V and one
-    number L.  It is largest where d points along V, and landmarks that count there on top only add to it.  The
-    arguments are those of `gain_gradient`.
+    number L.  It is largest where d points along V, and landmarks that count there on top only add to it: the sum
+    returned is what there is at least.  The arguments are those of `gain_gradient`.
     """
     total = ahead = aside = 0.0
     for k in range(landmarks.shape[1]):
@@ -141,7 +141,7 @@ def best_turn(
         total += w * gain
         ahead += w * value
         aside += w * ((qy * c - qx * s) * i)
-    return math.atan2(aside, ahead), total + math.sqrt(ahead * ahead + aside * aside) - ahead
+    return ahead, aside, total + math.sqrt(ahead * ahead + aside * aside) - ahead
 
 
 @fast_kernel
