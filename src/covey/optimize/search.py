@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from covey.compiled import kernel
 from covey.geometry import Pose2, Region
 from covey.optimize import blackbox
-from covey.optimize.ascent import contains_point, nearest_on_edges, pose_value
+from covey.optimize.ascent import contains_point, nearest_on_edges, pose_value, pose_values
 from covey.optimize.base import PoseProblem, PoseResult
 from covey.optimize.packing import landmark_columns
 from covey.optimize.pose_ascent import summit
@@ -151,6 +151,28 @@ def _sink(heap: NDArray[np.int64], values: NDArray[np.float64], i: int, size: in
 
 
 @kernel
+def _score_turned(
+    columns: NDArray[np.float64],
+    unit: float,
+    poses: NDArray[np.float64],
+    values: NDArray[np.float64],
+    turns: NDArray[np.float64],
+) -> None:
+    """Fill what each pose is worth when it turns to what it sees, at least, and the tangent of that turn."""
+    x0, y0 = columns[0, 0], columns[1, 0]  # single precision reaches far enough from here, not from any origin
+    near = columns.copy()
+    near[0] -= x0
+    near[1] -= y0
+    landmarks = near.astype(np.float32)
+    inverse = np.float32(1.0 / unit)
+    for i in range(poses.shape[0]):
+        c, s = np.float32(math.cos(poses[i, 2])), np.float32(math.sin(poses[i, 2]))
+        px, py = np.float32(poses[i, 0] - x0), np.float32(poses[i, 1] - y0)
+        ahead, across, values[i] = best_turn(landmarks, inverse, px, py, c, s)
+        turns[i] = across / ahead if ahead > 0.0 else 0.0
+
+
+@kernel
 def _search(
     kind: int,
     columns: NDArray[np.float64],
@@ -169,19 +191,17 @@ def _search(
     poses = np.empty((draws.shape[0] * HEADINGS, 3))
     _candidates(columns, edges, unit, draws, poses)
     values = np.empty(poses.shape[0])
-    seen = np.zeros((poses.shape[0], 2))
-    for i in range(poses.shape[0]):
-        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
-        if kind == ANISOTROPIC:
-            seen[i, 0], seen[i, 1], values[i] = best_turn(columns, 1.0 / unit, poses[i, 0], poses[i, 1], c, s)
-        else:
-            values[i] = pose_value(kind, columns, 1.0 / unit, poses[i, 0], poses[i, 1], c, s)
+    turns = np.zeros(poses.shape[0])
+    if kind == ANISOTROPIC:
+        _score_turned(columns, unit, poses, values, turns)
+    else:
+        pose_values(kind, columns, 1.0 / unit, poses, values)
     chosen = np.empty(count, dtype=np.int64)
     found = _spread(poses, values, 1.0 / unit, chosen)
     starts = np.empty((found + start.shape[0], 3))
     for i in range(found):
         starts[i] = poses[chosen[i]]
-        starts[i, 2] += math.atan2(seen[chosen[i], 1], seen[chosen[i], 0])
+        starts[i, 2] += math.atan(turns[chosen[i]])
     starts[found:] = start
     known = -math.inf
     for pose in start:
