@@ -22,7 +22,7 @@ STATE = 14
 still a guess.
 """
 
-STRIDE = 0.3
+STRIDE = 0.2
 """Length of a climb's first step, optimal distances and radians."""
 
 POLISH = 500
@@ -34,9 +34,16 @@ COARSE = 1e3
 SAME = 0.02
 """Climbs that are this near each other, optimal distances and radians in all, are taken for one."""
 
-SHAKES = 3
+NEIGHBOURS = 8
+NEAR, FAR = 0.15, 0.35
+NEARBY = np.array([[8, 3], [14, 1]])
+"""From how many places around the best pose it climbs once more, how far away they lie by turns, optimal distances, and
+the rounds of these climbs.
+"""
+
+SHAKES = 2
 SHAKE = 0.03
-CALM = 0.03
+CALM = 0.005
 """How often the best pose is shaken at the end, how far at first, optimal distances and radians, and how much less each
 time.
 """
@@ -237,6 +244,31 @@ def _select(states: NDArray[np.float64], count: int, keep: int) -> int:
 
 
 @kernel
+def _compete(
+    kind: int,
+    columns: NDArray[np.float64],
+    unit: float,
+    edges: NDArray[np.float64],
+    states: NDArray[np.float64],
+    rounds: NDArray[np.int64],
+    precision: float,
+) -> tuple[int, int]:
+    """Go on with climbs, fewer with each round, the last ones to the end: (index of the best, evaluations)."""
+    left = states.shape[0]
+    total = 0
+    for j in range(rounds.shape[0]):
+        for i in range(left):
+            total += climb(kind, columns, unit, edges, states[i], rounds[j, 0], 1e-3 * precision)
+        left = _select(states, left, rounds[j, 1])
+    top = 0
+    for i in range(left):
+        total += climb(kind, columns, unit, edges, states[i], POLISH, COARSE * precision)
+        if states[i, VALUE] > states[top, VALUE]:
+            top = i
+    return top, total
+
+
+@kernel
 def summit(
     kind: int,
     columns: NDArray[np.float64],
@@ -247,7 +279,7 @@ def summit(
     precision: float,
     best: NDArray[np.float64],
 ) -> tuple[float, int]:
-    """Climb from every start, and from the most promising ones to the end: (value, evaluations).
+    """Climb from every start, from the most promising ones to the end, and then look around: (value, evaluations).
 
     Parameters
     ----------
@@ -262,26 +294,29 @@ def summit(
     """
     count = starts.shape[0]
     states = np.empty((count, STATE))
-    total = count
     for i in range(count):
         begin(kind, columns, unit, edges, starts[i], STRIDE, states[i])
-    left = count
-    for j in range(rounds.shape[0]):
-        for i in range(left):
-            total += climb(kind, columns, unit, edges, states[i], rounds[j, 0], 1e-3 * precision)
-        left = _select(states, left, rounds[j, 1])
-    top = 0
-    for i in range(left):
-        total += climb(kind, columns, unit, edges, states[i], POLISH, COARSE * precision)
-        if states[i, VALUE] > states[top, VALUE]:
-            top = i
+    top, evaluations = _compete(kind, columns, unit, edges, states, rounds, precision)
     for i in range(count):
         settle(unit, edges, states[i], starts[i])
     value = settle(unit, edges, states[top], best)
+    # summits lie in groups
+    beside = np.empty(3)
+    around = np.empty((NEIGHBOURS, STATE))
+    for i in range(NEIGHBOURS):
+        angle = 2.0 * math.pi * i / NEIGHBOURS
+        far = unit * (NEAR if i % 2 else FAR)
+        beside[:] = (best[0] + far * math.cos(angle), best[1] + far * math.sin(angle), best[2])
+        begin(kind, columns, unit, edges, beside, STRIDE, around[i])
+    top, more = _compete(kind, columns, unit, edges, around, NEARBY, precision)
+    evaluations += count + NEIGHBOURS + more
+    state = around[top]
+    higher = settle(unit, edges, state, beside)
+    if higher > value:
+        value = higher
+        best[:] = beside
     # a climb may end on a ridge of kinks a little below the summit; it finds the rest from a hair's breadth beside,
     # each time from nearer and to a finer precision
-    beside = np.empty(3)
-    state = states[top]
     far = SHAKE
     for attempt in range(SHAKES):
         for j in range(3):
@@ -289,9 +324,9 @@ def summit(
             beside[j] = best[j] + (shake * unit if j < 2 else shake)
         begin(kind, columns, unit, edges, beside, far, state)
         far *= CALM
-        total += 1 + climb(kind, columns, unit, edges, state, POLISH, max(1.0, COARSE * far / SHAKE) * precision)
+        evaluations += 1 + climb(kind, columns, unit, edges, state, POLISH, max(1.0, COARSE * far / SHAKE) * precision)
         higher = settle(unit, edges, state, beside)
         if higher > value:
             value = higher
             best[:] = beside
-    return value, total
+    return value, evaluations
