@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         MissionError,
         Mistake,
         OutputError,
+        RecordError,
         ResultError,
         SolverError,
     )
@@ -62,6 +63,7 @@ _HOMES = {
     "PoseProblem": "covey.optimize.base",
     "PoseResult": "covey.optimize.base",
     "Progress": "covey.runtime.result",
+    "RecordError": "covey.errors",
     "Region": "covey.geometry",
     "ResultError": "covey.errors",
     "SolverError": "covey.errors",
@@ -93,6 +95,7 @@ __all__ = [
     "PoseProblem",
     "PoseResult",
     "Progress",
+    "RecordError",
     "Region",
     "ResultError",
     "SolverError",

@@ -9,6 +9,7 @@ import typer
 
 from covey.cli.interrupt import INTERRUPTED, Interruption
 from covey.cli.paths import named_path
+from covey.cli.view import Host, Open, Port, Speed, View, live
 
 if TYPE_CHECKING:
     from covey.runtime.fly import Flight
@@ -41,11 +42,19 @@ def fly(
     json: Annotated[bool, typer.Option("--json", help="Print the content of result.json, nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR.")] = False,
+    view: View = False,
+    port: Port = 0,
+    host: Host = "127.0.0.1",
+    open_page: Open = False,
+    speed: Speed = None,
 ) -> None:
     """Fly a mission in simulation: take off, trade and fly until nobody gains, land.
 
-    The result directory gets what `covey plan` writes, and the flight: its log (flight.npz), figures (flight.png,
-    flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
+    The result directory gets what `covey plan` writes, record.mcap with the flight, its log (flight.npz), figures
+    (flight.png, flight.pdf) and, with --film, a film. Ctrl-C ends the flight early and keeps what is known by then.
+
+    With --view a page in the browser shows it live, in real time, and lets you pause, put obstacles in the way and let
+    vehicles fail; it stays until Ctrl-C, or not at all where no terminal is.
 
     An exercise file (a few vehicles with goals or trajectories, no landmarks) is flown as well.
 
@@ -63,6 +72,8 @@ def fly(
     if is_exercise(mission):
         from covey.cli.exercise import fly_exercise_file
 
+        if view:
+            raise typer.BadParameter("an exercise has no landmarks to show; it takes a mission", param_hint="--view")
         fly_exercise_file(
             mission,
             vehicles=vehicles,
@@ -82,6 +93,7 @@ def fly(
     loaded = load_mission(mission, seed=seed)
 
     from covey.cli.progress import ProgressLine
+    from covey.cli.recording import Recording
     from covey.runtime.fly import fly as fly_mission
     from covey.runtime.record import check_result_target, default_directory, result_text
     from covey.runtime.sortie_record import write_flight
@@ -89,24 +101,39 @@ def fly(
     target = default_directory(f"{loaded.name}-flown", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
-    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+    with live(view, mission=loaded, host=host, port=port, open_page=open_page, speed=speed, usual=1.0) as shown:
+        with (
+            Interruption() as interruption,
+            Recording(target, quiet=quiet) as recording,
+            ProgressLine(quiet=quiet) as progress,
+        ):
 
-        def report(news: Progress) -> None:
-            interruption.check()
-            progress(news)
+            def report(news: Progress) -> None:
+                interruption.check()
+                progress(news)
 
-        flight = fly_mission(loaded, vehicles=vehicles, realtime=realtime, on_progress=report)
-        try:
-            write_flight(flight, target, overwrite=force, film=film, on_progress=progress)
-        except OutputError as error:  # what was found must not be lost with it
-            failure = error
-    deployment = flight.deployment
-    if json:
-        typer.echo(result_text(deployment, target), nl=False)
-    elif not quiet:
-        from covey.cli.summary import print_summary
+            flight = fly_mission(
+                loaded,
+                vehicles=vehicles,
+                realtime=realtime and not view,
+                on_progress=report,
+                watch=shown.watch_with(recording.recorder),
+                steering=shown.steering,
+            )
+            try:
+                write_flight(flight, target, overwrite=force, film=film, on_progress=progress)
+                recording.keep()
+            except OutputError as error:  # what was found must not be lost with it
+                failure = recording.lost(error)
+        deployment = flight.deployment
+        if json:
+            typer.echo(result_text(deployment, target), nl=False)
+        elif not quiet:
+            from covey.cli.summary import print_summary
 
-        print_summary(deployment, target if failure is None else None)
+            print_summary(deployment, target if failure is None else None)
+        if failure is None and not interruption.noted:
+            shown.stay()
     if failure is not None:
         raise failure
     _leave(flight, target)

@@ -10,12 +10,18 @@ from typing import Annotated
 import typer
 
 from covey import __version__
+from covey.cli.agent import agent
 from covey.cli.certify import certify
 from covey.cli.chaos import chaos
+from covey.cli.figures import figures
 from covey.cli.fly import fly
 from covey.cli.heatmap import heatmap
+from covey.cli.info import info
 from covey.cli.interrupt import leave_at_once
+from covey.cli.launch import launch
 from covey.cli.plan import plan
+from covey.cli.playground import playground
+from covey.cli.replay import replay
 from covey.cli.reproduce import reproduce
 from covey.cli.schema import schema
 from covey.cli.validate import validate
@@ -31,7 +37,22 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (
+    plan,
+    fly,
+    playground,
+    replay,
+    launch,
+    agent,
+    info,
+    figures,
+    certify,
+    validate,
+    schema,
+    reproduce,
+    heatmap,
+    chaos,
+):
     app.command()(command)
 
 

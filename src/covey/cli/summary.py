@@ -107,6 +107,8 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
     facts.append(
         ("Trading", f"{_count(trades, 'trade')}, {_count(deployment.pose_optimizations, 'pose optimisation')}")
     )
+    if deployment.mission.separation is not None:
+        facts.append(("Layers", str(deployment.mission.separation)))
     if deployment.certificate is not None:
         facts.append(("Proof", certificate_line(deployment.certificate)))
         facts += [("", f"{item.kind}: {printable(item.message)}") for item in deployment.certificate.violations[:5]]
@@ -133,8 +135,10 @@ def _flight_facts(flight: FlightReport) -> list[tuple[str, str]]:
     )
     apart = (
         f"at least {flight.min_separation:.2f} m, {flight.required_separation:.2f} m required; "
-        f"{_count(flight.collisions, 'collision')}; keeping apart cost {flight.separation_cost:.2f} in score"
+        f"{_count(flight.collisions, 'collision')}"
     )
+    if math.isfinite(flight.separation_cost):
+        apart += f"; keeping apart cost {flight.separation_cost:.2f} in score"
     waypoints = f"{flight.waypoints_reached} reached, {flight.waypoints_missed} missed"
     facts = [("Flight", how), ("Apart", apart), ("Waypoints", waypoints)]
     worth = [event for event in flight.events if event.kind in ("missed", "lost", "collision", "fault")]

@@ -71,7 +71,7 @@ def summary(mission: Mission) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        One line of text for each of mission, landmarks, region, agents, sensor, coverage, georeference.
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage, layers, georeference.
     """
     landmarks = mission.landmarks
     size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
@@ -95,6 +95,8 @@ def summary(mission: Mission) -> dict[str, str]:
         "coverage": f"sigma {coverage.sigma:g}, trade {coverage.trade.value}, optimizer {coverage.optimizer.value}, "
         f"assignment {assignment}",
     }
+    if mission.separation is not None:
+        facts["layers"] = str(mission.separation)
     origin = mission.georeference
     if origin is not None:
         facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"

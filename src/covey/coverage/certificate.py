@@ -20,9 +20,10 @@ class Violation:
     ----------
     kind : str
         ``incomplete`` (a landmark without owner), ``overlap`` (with several), ``region`` (a pose outside its region),
-        ``pose`` (a better pose exists), ``unproved`` (the proof of a pose ran out of budget), ``trade`` (another agent
-        sees a landmark better), ``score`` (a score that is stated, of an agent, of the team or at the end of the
-        history, is not what the poses give), ``bound`` (the bound that is stated lies below the stated score).
+        ``separation`` (two agents that share an altitude are too close), ``pose`` (a better pose exists),
+        ``unproved`` (the proof of a pose ran out of budget), ``trade`` (another agent sees a landmark better),
+        ``score`` (a score that is stated, of an agent, of the team or at the end of the history, is not what the
+        poses give), ``bound`` (the bound that is stated lies below the stated score).
     agents : tuple of str
         Who is concerned.
     landmark : int or None

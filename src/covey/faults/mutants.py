@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from covey.geometry import Pose2
 from covey.protocol import (
@@ -199,9 +200,20 @@ class RestartsInTheSameLife(Node):
         order: Order = random_order,
         options: NodeOptions | None = None,
         links: Links | None = None,
+        assigned: NDArray[np.int64] | None = None,
     ) -> Node:
         """Start in the first life again."""
-        return super().restart(agent, team, memory, planner, incarnation=1, order=order, options=options, links=links)
+        return super().restart(
+            agent,
+            team,
+            memory,
+            planner,
+            incarnation=1,
+            order=order,
+            options=options,
+            links=links,
+            assigned=assigned,
+        )
 
 
 MUTANTS: Mapping[str, type[Node]] = MappingProxyType(

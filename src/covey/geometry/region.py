@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
 INSET = 1e-9
 """How far inside its edges a region's working polygon lies, times its size: rounding never puts a pose outside."""
 
+QUARTER = 4
+"""Into how many sides a quarter of a disc is cut where a region is to keep clear of it."""
+
+CORNER = 1.0 / math.cos(math.pi / (4 * QUARTER))
+"""How much further than the disc the corners of that polygon reach: it contains the disc."""
+
+CRUMB = 1e-9
+"""Parts smaller than this, square metres, are left out of what remains of a region."""
+
 TRIES = 100
 """Random points tried for each one wanted before a region is cut into triangles."""
 
@@ -32,6 +42,8 @@ class Region:
         Corners of the outline in order, frame W, metres, not closed.
     holes : sequence of arrays, each of shape (k, 2)
         No-fly zones inside the outline.
+    islands : tuple of Region
+        Further parts, which must not overlap this one or each other.
 
     Raises
     ------
@@ -51,6 +63,7 @@ class Region:
 
     exterior: NDArray[np.float64]
     holes: tuple[NDArray[np.float64], ...] = ()
+    islands: tuple[Region, ...] = ()
     edges: NDArray[np.float64] = field(init=False, repr=False)
     inset_edges: NDArray[np.float64] = field(init=False, repr=False)
 
@@ -71,16 +84,13 @@ class Region:
         if polygon.area <= 0.0:
             raise ArgumentError("polygon: expected an area above zero, got an empty region")
         polygon = shapely.remove_repeated_points(shapely.geometry.polygon.orient(polygon))
-        x0, y0, x1, y1 = polygon.bounds
-        inner = polygon.buffer(-INSET * max(1.0, abs(x0), abs(x1), abs(y0), abs(y1)), join_style="mitre")
+        inner = _inset(polygon)
         if inner.is_empty:
             raise ArgumentError("polygon: expected an area above zero, got a region thinner than rounding")
         object.__setattr__(self, "exterior", _corners(polygon.exterior))
         object.__setattr__(self, "holes", tuple(_corners(ring) for ring in polygon.interiors))
-        object.__setattr__(self, "edges", _edges([self.exterior, *self.holes]))
-        parts = list(inner.geoms) if isinstance(inner, shapely.MultiPolygon) else [inner]
-        inner_rings = [_corners(ring) for part in parts for ring in (part.exterior, *part.interiors)]
-        object.__setattr__(self, "inset_edges", _edges(inner_rings))
+        for name, edges in (("edges", _edges(polygon)), ("inset_edges", _edges(inner))):
+            object.__setattr__(self, name, np.vstack([edges, *(getattr(island, name) for island in self.islands)]))
 
     @classmethod
     def box(cls, x_min: float, x_max: float, y_min: float, y_max: float) -> Region:
@@ -97,7 +107,8 @@ class Region:
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """(x_min, x_max, y_min, y_max), metres."""
-        (x0, y0), (x1, y1) = self.exterior.min(axis=0), self.exterior.max(axis=0)
+        corners = self.edges[:, :2]
+        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
         return float(x0), float(x1), float(y0), float(y1)
 
     @property
@@ -107,11 +118,12 @@ class Region:
         return len(sides) == 4 and bool((sides == 0.0).any(axis=1).all())
 
     @property
-    def shape(self) -> shapely.Polygon:
-        """The region as a shapely polygon."""
+    def shape(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The region as a shapely polygon, or several where it has islands."""
         import shapely
 
-        return shapely.Polygon(self.exterior, self.holes)
+        own = shapely.Polygon(self.exterior, self.holes)
+        return shapely.MultiPolygon([own, *(island.shape for island in self.islands)]) if self.islands else own
 
     def contains(self, x: float, y: float) -> bool:
         """Whether (x, y), metres, is in the region; its boundary belongs to it."""
@@ -136,6 +148,47 @@ class Region:
         px, py, _, _ = nearest_on_edges(self.inset_edges, x, y)
         return px, py
 
+    def without_discs(self, centres_W: NDArray[np.float64], radius: float) -> Region | None:
+        """Return what is left of the region outside of discs around points, shape (k, 2), metres.
+
+        Each disc is replaced by a polygon that contains it, its corners `CORNER` times as far.  It looks the same after
+        half a turn, so that one point keeps clear of another exactly if the other keeps clear of the one.
+
+        Returns
+        -------
+        Region or None
+            The region itself if no disc touches it; None if nothing is left.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> left = Region.box(-5, 5, -5, 5).without_discs(np.array([[0.0, 0.0]]), 1.0)
+        >>> left.contains(0.999, 0.0), left.contains(1.02, 0.0)
+        (False, True)
+
+        Notes
+        -----
+        Crumbs of less than `CRUMB` square metres, and parts thinner than rounding, are left out.
+        """
+        import shapely
+
+        points = shapely.points(np.reshape(centres_W, (-1, 2)))
+        discs = shapely.buffer(points, radius * CORNER, quad_segs=QUARTER)
+        shape = self.shape
+        discs = discs[shapely.intersects(discs, shape)]
+        if not len(discs):
+            return self
+        rest = shape.difference(shapely.union_all(discs))
+        parts = [
+            part
+            for part in shapely.get_parts(rest)
+            if part.geom_type == "Polygon" and part.area > max(CRUMB, 2.0 * _hair(part) * part.length)
+        ]
+        if not parts:
+            return None
+        islands = tuple(_region(part) for part in parts[1:])
+        return _region(parts[0], islands)
+
     def sample(self, n: int, *, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw n points uniformly, shape (n, 2), metres."""
         x0, x1, y0, y1 = self.bounds
@@ -155,7 +208,8 @@ class Region:
 
         if n <= 0:
             return []
-        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(self.shape))
+        pieces = shapely.get_parts(self.shape)
+        triangles = np.concatenate([shapely.get_parts(shapely.constrained_delaunay_triangles(p)) for p in pieces])
         areas = shapely.area(triangles)
         points = []
         for index in rng.choice(len(triangles), n, p=areas / areas.sum()):
@@ -166,9 +220,27 @@ class Region:
         return points
 
 
+def _region(polygon: shapely.Polygon, islands: tuple[Region, ...] = ()) -> Region:
+    return Region(_corners(polygon.exterior), tuple(_corners(ring) for ring in polygon.interiors), islands)
+
+
+def _inset(polygon: shapely.Polygon) -> shapely.Polygon | shapely.MultiPolygon:
+    """Return a polygon a hair's breadth smaller, perhaps in several parts."""
+    return polygon.buffer(-_hair(polygon), join_style="mitre")
+
+
+def _hair(polygon: shapely.Polygon) -> float:
+    return INSET * max(1.0, *(abs(float(bound)) for bound in polygon.bounds))
+
+
 def _corners(ring: shapely.LinearRing) -> NDArray[np.float64]:
     return np.asarray(ring.coords, dtype=np.float64)[:-1, :2].copy()
 
 
-def _edges(rings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.ascontiguousarray(np.vstack([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]))
+def _edges(shape: shapely.Polygon | shapely.MultiPolygon) -> NDArray[np.float64]:
+    """Edges of all rings, shape (e, 4), one ring after the other."""
+    import shapely
+
+    corners, ring = shapely.get_coordinates(shapely.get_rings(shape), return_index=True)
+    edges: NDArray[np.float64] = np.hstack([corners[:-1], corners[1:]])[ring[:-1] == ring[1:]]
+    return edges

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from covey.environment import Landmarks
 from covey.environment.json_text import KeyPath, describe
 from covey.geometry import Pose2, Region
-from covey.mission.flight_build import build_flight
+from covey.mission.flight_build import build_flight, check_room
 from covey.mission.flight_schema import FlightSection
 from covey.mission.model import (
     AgentSpec,
@@ -214,7 +214,7 @@ class _Builder:
             or self._report.mistakes
         ):
             return None
-        return Mission(
+        mission = Mission(
             schema_version=file.schema_version,
             name=file.name,
             seed=seed,
@@ -226,10 +226,13 @@ class _Builder:
             ),
             coverage=coverage,
             flight=flight,
+            separation=flight.separation(len(agents)),
             georeference=georeference,
             source=data,
             path=path,
         )
+        check_room(mission, self._report)
+        return mission
 
     def _sensor(self, section: SensorSection | None, path: KeyPath) -> SensorSpec | None:
         if section is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,14 @@ from covey.mission.report import Report, nearest, one_of
 
 if TYPE_CHECKING:
     from covey.flight.obstacles import Obstacle
+    from covey.mission.model import Mission
+
+ROOM_HINT = (
+    "move their poses apart, raise ceiling_m or layers so that fewer share a layer, enlarge the region, "
+    "or fly smaller vehicles"
+)
+CLOSE = 1e-6
+"""Distances are compared up to this, metres."""
 
 
 def build_flight(
@@ -37,6 +46,7 @@ def build_flight(
     spec = FlightSpec(
         vehicle=vehicle,
         altitude=section.altitude_m,
+        layers=section.layers,
         layer_spacing=section.layer_spacing_m,
         ceiling=math.inf if section.ceiling_m is None else section.ceiling_m,
         max_speed=section.max_speed_m_s,
@@ -55,7 +65,32 @@ def build_flight(
         start_spacing=load_vehicle(vehicle).required_separation,
     )
     _check_layers(spec, len(names), report)
-    return spec
+    separation = spec.separation(len(names)) if names else None
+    return spec if separation is None else replace(spec, start_spacing=separation.clear)
+
+
+def check_room(mission: Mission, report: Report) -> None:
+    """Check that agents that share a layer start clear of each other; drawn poses tell where there is no room."""
+    separation = mission.separation
+    if separation is None:
+        return
+    close = separation.too_close([agent.pose for agent in mission.agents], separation.clear - CLOSE)
+    if close:
+        report.add(("flight",), crowded(mission, close), ROOM_HINT)
+
+
+def crowded(mission: Mission, close: Sequence[tuple[int, int, float]]) -> str:
+    """Say which agents of one layer start too close to each other."""
+    assert mission.separation is not None
+    names = [agent.name for agent in mission.agents]
+    layers = len(set(mission.separation.layers))
+    where = "one layer" if layers == 1 else f"{layers} layers"
+    shown = "; ".join(f"{names[i]} and {names[j]} start {away:.2f} m apart" for i, j, away in close[:5])
+    more = f"; and {len(close) - 5} more pairs" if len(close) > 5 else ""
+    return (
+        f"expected {len(names)} agents in {where} to start at least {mission.separation.clear:.3g} m apart "
+        f"where they share one: {shown}{more}"
+    )
 
 
 def _check_speed(section: FlightSection, vehicle: str, report: Report) -> None:
@@ -141,6 +176,9 @@ def _check_layers(spec: FlightSpec, agents: int, report: Report) -> None:
     from covey.flight.parameters import load_vehicle
 
     vehicle = load_vehicle(spec.vehicle)
+    if spec.altitude > spec.ceiling:
+        report.add(("flight", "ceiling_m"), f"expected at least altitude_m, {spec.altitude:g} m, got {spec.ceiling:g}")
+        return
     needed = vehicle.required_separation * vehicle.vertical_ratio
     if spec.layer_spacing is not None and spec.layer_spacing < needed:
         report.add(
@@ -152,6 +190,6 @@ def _check_layers(spec: FlightSpec, agents: int, report: Report) -> None:
     if highest > spec.ceiling:
         report.add(
             ("flight", "ceiling_m"),
-            f"expected room for {agents} layers up to {highest:.4g} m, got {spec.ceiling:g}",
-            "raise the ceiling, lower altitude_m or layer_spacing_m, or fly smaller vehicles",
+            f"expected room for {len(set(spec.layer_of(agents)))} layers up to {highest:.4g} m, got {spec.ceiling:g}",
+            "leave layers out, raise the ceiling, lower altitude_m or layer_spacing_m, or fly smaller vehicles",
         )

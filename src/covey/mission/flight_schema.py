@@ -106,10 +106,15 @@ class FlightSection(Section):
         default="iris", description="iris, crazyflie, or a parameter file of your own beside the mission (.toml)"
     )
     altitude_m: Annotated[float, Field(gt=0.0, le=1e4)] = Field(
-        default=1.5, description="Altitude of the first agent, metres; the others fly in layers above it"
+        default=1.5, description="Altitude of the first layer, metres; the others lie above it"
+    )
+    layers: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
+        default=None,
+        description="How many altitudes the agents share in turn; those of one layer keep apart in the plane; "
+        "by default one each, fewer where the ceiling leaves no room",
     )
     layer_spacing_m: Length | None = Field(
-        default=None, description="Height between two agents' layers, metres; by default what their downwash asks for"
+        default=None, description="Height between two layers, metres; by default what the vehicles' downwash asks for"
     )
     ceiling_m: Length | None = Field(default=None, description="Largest altitude, metres; unlimited by default")
     max_speed_m_s: Speed | None = Field(default=None, description="Instead of the vehicle's largest speed, m/s")

@@ -13,7 +13,7 @@ import numpy as np
 
 from covey.environment import GeoReference, Landmarks
 from covey.geometry import Pose2, Region
-from covey.mission.flight import FlightSpec
+from covey.mission.flight import FlightSpec, Separation
 
 _POSE_STREAM = 1
 """Spawn key that keeps the numbers drawn for poses apart from all others of the mission's seed."""
@@ -132,6 +132,8 @@ class Mission:
     coverage : CoverageSpec
     flight : FlightSpec
         How it is flown.
+    separation : Separation or None
+        Which agents keep apart because they share an altitude; None if nobody has to.
     georeference : GeoReference or None
         Where on earth the frame W is.
     source : mapping
@@ -149,6 +151,7 @@ class Mission:
     agents: tuple[AgentSpec, ...]
     coverage: CoverageSpec
     flight: FlightSpec = field(default_factory=FlightSpec)
+    separation: Separation | None = None
     georeference: GeoReference | None = None
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Path | None = None

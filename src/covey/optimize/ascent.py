@@ -7,7 +7,7 @@ with a weak Wolfe line search is the method of choice there (Lewis and Overton, 
 methods*, Mathematical Programming 141, 2013).
 
 The region enters exactly: the ascent maximises ``f(proj(p)) - |p - proj(p)|``, whose maximisers are those of f in the
-region.
+region.  So does the distance that two agents must keep: proj then also pushes them apart, each half of the way.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ from covey.sensing.kernels import ISOTROPIC, ORIENTED, visibility_gradients
 SHAKES = 4
 SHAKE = 0.03
 """How often the best poses are shaken at the end, and how far at first, in optimal distances and radians."""
+
+PUSHES = 10
+STUCK = 1e6
+"""How often two agents are pushed apart and back into their regions, and what it costs if they are still too close."""
 
 COARSE = 1e3
 """How many times the precision asked for will do for an ascent that is not the last."""
@@ -68,12 +72,61 @@ def _share(
 
 
 @kernel
+def _push_apart(
+    edges: NDArray[np.float64], offsets: NDArray[np.int64], spacing: float, poses: NDArray[np.float64]
+) -> bool:
+    """Move two agents apart where they are closer than `spacing`, metres, within their regions; whether it worked."""
+    for _ in range(PUSHES):
+        dx, dy = poses[1, 0] - poses[0, 0], poses[1, 1] - poses[0, 1]
+        d = math.hypot(dx, dy)
+        if d >= spacing:
+            return True
+        push = 0.5 * (spacing * (1.0 + 1e-9) - d)
+        ux, uy = (dx / d, dy / d) if d > 1e-9 * spacing else (1.0, 0.0)
+        for i in range(2):
+            side = 2.0 * i - 1.0
+            px, py = poses[i, 0] + side * push * ux, poses[i, 1] + side * push * uy
+            region = edges[offsets[i] : offsets[i + 1]]
+            if not contains_point(region, px, py):
+                px, py, _, _ = nearest_on_edges(region, px, py)
+            poses[i, 0], poses[i, 1] = px, py
+    return math.hypot(poses[1, 0] - poses[0, 0], poses[1, 1] - poses[0, 1]) >= spacing
+
+
+@kernel
+def _pull_back(
+    scales: NDArray[np.float64],
+    spacing: float,
+    x: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+) -> None:
+    """Turn the gradient at two poses that were pushed apart into that by x, and lead x out of where it was pushed."""
+    dx = x[3] * scales[1] - x[0] * scales[0]
+    dy = x[4] * scales[1] - x[1] * scales[0]
+    ux, uy = (poses[1, 0] - poses[0, 0]) / spacing, (poses[1, 1] - poses[0, 1]) / spacing
+    turn = 0.5 * spacing / max(math.hypot(dx, dy), 0.05 * spacing)
+    outward = 0.5 * (1.0 / scales[0] + 1.0 / scales[1])
+    mx = 0.5 * (gradient[0] / scales[0] + gradient[3] / scales[1])
+    my = 0.5 * (gradient[1] / scales[0] + gradient[4] / scales[1])
+    along = turn * (
+        (gradient[0] / scales[0] - gradient[3] / scales[1]) * -uy
+        + (gradient[1] / scales[0] - gradient[4] / scales[1]) * ux
+    )
+    gradient[0] = scales[0] * (mx - along * uy - outward * ux)
+    gradient[1] = scales[0] * (my + along * ux - outward * uy)
+    gradient[3] = scales[1] * (mx + along * uy + outward * ux)
+    gradient[4] = scales[1] * (my - along * ux + outward * uy)
+
+
+@kernel
 def objective(
     kinds: NDArray[np.int64],
     scales: NDArray[np.float64],
     landmarks: NDArray[np.float64],
     edges: NDArray[np.float64],
     offsets: NDArray[np.int64],
+    spacing: float,
     x: NDArray[np.float64],
     gradient: NDArray[np.float64],
     poses: NDArray[np.float64],
@@ -90,6 +143,8 @@ def objective(
         Rows x, y (metres), normal x, y, weight, threshold.
     edges, offsets : arrays, shape (e, 4) and (m + 1,)
         Edges of all regions, metres; agent i's are rows offsets[i] to offsets[i + 1].
+    spacing : float
+        How far apart two agents must be, metres; 0 if they need not, or if there is another number of them.
     x : array, shape (3 m,)
         Positions in units of each agent's optimal distance, and headings.
     gradient : array, shape (3 m,)
@@ -113,11 +168,21 @@ def objective(
         poses[i, 2] = x[3 * i + 2]
         poses[i, 3] = math.cos(x[3 * i + 2])
         poses[i, 4] = math.sin(x[3 * i + 2])
+    pushed = spacing > 0.0 and math.hypot(poses[1, 0] - poses[0, 0], poses[1, 1] - poses[0, 1]) < spacing
+    if pushed:
+        penalty = 0.0 if _push_apart(edges, offsets, spacing, poses) else STUCK
+        for i in range(m):
+            penalty += (
+                math.hypot(x[3 * i] * scales[i] - poses[i, 0], x[3 * i + 1] * scales[i] - poses[i, 1]) / scales[i]
+            )
+    for i in range(m):
         visibility_gradients(
             kinds[i], landmarks, 1.0 / scales[i], poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], seen[i]
         )
     total = _share(landmarks, seen, owners, gradient)
-    if penalty > 0.0:
+    if pushed:
+        _pull_back(scales, spacing, x, poses, gradient)
+    elif penalty > 0.0:
         for i in range(m):
             px = x[3 * i] * scales[i]
             py = x[3 * i + 1] * scales[i]
@@ -156,6 +221,7 @@ def ascend(
     landmarks: NDArray[np.float64],
     edges: NDArray[np.float64],
     offsets: NDArray[np.int64],
+    spacing: float,
     start: NDArray[np.float64],
     budget: int,
     precision: float,
@@ -181,7 +247,7 @@ def ascend(
     y = np.empty(size)
     hy = np.empty(size)
     hessian = np.zeros((size, size))
-    f = objective(kinds, scales, landmarks, edges, offsets, x, g, poses, seen, owners)
+    f = objective(kinds, scales, landmarks, edges, offsets, spacing, x, g, poses, seen, owners)
     evaluations = 1
     norm = _length(g)
     _reset(hessian, 0.2 / max(norm, 1e-12))
@@ -203,7 +269,7 @@ def ascend(
         for _ in range(30):
             for i in range(size):
                 trial[i] = x[i] + t * step[i]
-            value = objective(kinds, scales, landmarks, edges, offsets, trial, trial_g, poses, seen, owners)
+            value = objective(kinds, scales, landmarks, edges, offsets, spacing, trial, trial_g, poses, seen, owners)
             evaluations += 1
             if value < f + 1e-4 * t * slope:
                 high = t
@@ -254,7 +320,7 @@ def ascend(
                 break
             last = f
             since = 0
-    value = objective(kinds, scales, landmarks, edges, offsets, x, trial_g, poses, seen, owners)
+    value = objective(kinds, scales, landmarks, edges, offsets, spacing, x, trial_g, poses, seen, owners)
     found = np.empty((m, 3))
     total = value
     for i in range(m):
@@ -271,6 +337,7 @@ def climb_all(
     landmarks: NDArray[np.float64],
     edges: NDArray[np.float64],
     offsets: NDArray[np.int64],
+    spacing: float,
     starts: NDArray[np.float64],
     budget: int,
     keep: int,
@@ -286,7 +353,7 @@ def climb_all(
     total = 0
     for i in range(count):
         values[i], found, evaluations = ascend(
-            kinds, scales, landmarks, edges, offsets, starts[i], budget, 1e-3 * precision
+            kinds, scales, landmarks, edges, offsets, spacing, starts[i], budget, 1e-3 * precision
         )
         for a in range(found.shape[0]):
             for j in range(3):
@@ -302,7 +369,7 @@ def climb_all(
         if values[top] == -math.inf:
             break
         value, found, evaluations = ascend(
-            kinds, scales, landmarks, edges, offsets, starts[top], polish, COARSE * precision
+            kinds, scales, landmarks, edges, offsets, spacing, starts[top], polish, COARSE * precision
         )
         total += evaluations
         # starts that have climbed to the same place are of no more use
@@ -323,7 +390,7 @@ def climb_all(
                 beside[a, j] = result[a, j] + (shake * scales[a] if j < 2 else shake)
         finer *= 0.1
         value, found, evaluations = ascend(
-            kinds, scales, landmarks, edges, offsets, beside, polish, max(1.0, finer) * precision
+            kinds, scales, landmarks, edges, offsets, spacing, beside, polish, max(1.0, finer) * precision
         )
         total += evaluations
         if value > best:

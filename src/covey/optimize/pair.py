@@ -45,12 +45,19 @@ class PairProblem:
         Each agent's sensor, region and present pose.
     landmarks : Landmarks
         The union of what they own.
+    spacing : float
+        How far apart new positions must be, metres; 0 if they need not.
     """
 
     models: tuple[VisibilityModel, VisibilityModel]
     regions: tuple[Region, Region]
     poses: tuple[Pose2, Pose2]
     landmarks: Landmarks
+    spacing: float = 0.0
+
+    def apart(self, poses: tuple[Pose2, Pose2]) -> bool:
+        """Whether two poses are as far apart as they must be."""
+        return math.hypot(poses[1].x - poses[0].x, poses[1].y - poses[0].y) >= self.spacing
 
     def visibility(self, poses: tuple[Pose2, Pose2]) -> NDArray[np.float64]:
         """Visibility of each landmark from both poses, shape (2, n)."""
@@ -149,6 +156,7 @@ class PairSearch:
             columns,
             np.vstack(edges),
             np.array([0, len(edges[0]), len(edges[0]) + len(edges[1])]),
+            problem.spacing,
             starts,
             CLIMB,
             max(1, self.keep * count // self.starts),
@@ -156,8 +164,10 @@ class PairSearch:
             1e-8,
         )
         poses = (Pose2.from_array(found[0]), Pose2.from_array(found[1]))
+        if same and problem.spacing > 0.0:
+            poses = _nearer(problem.poses, poses)
         score = problem.score(poses)
-        return (poses, score) if score > present else (problem.poses, present)
+        return (poses, score) if score > present and problem.apart(poses) else (problem.poses, present)
 
     def _pool(
         self,
@@ -176,6 +186,16 @@ class PairSearch:
         rows = np.empty((len(chosen), len(landmarks)), dtype=np.float32)
         _visibility_rows(int(model.kernel), columns, 1.0 / unit, chosen, np.empty((4, len(landmarks))), rows)
         return chosen, rows
+
+
+def _nearer(present: tuple[Pose2, Pose2], poses: tuple[Pose2, Pose2]) -> tuple[Pose2, Pose2]:
+    """Give each of two agents that are alike the pose that makes their ways shorter, so that they cross less often."""
+
+    def way(first: Pose2, second: Pose2) -> float:
+        (a, b) = present
+        return math.hypot(first.x - a.x, first.y - a.y) + math.hypot(second.x - b.x, second.y - b.y)
+
+    return poses if way(*poses) <= way(*poses[::-1]) else (poses[1], poses[0])
 
 
 def _spread_pairs(
@@ -233,8 +253,13 @@ def _alternate(problem: PairProblem, present: float, *, rng: np.random.Generator
         for turn in range(12):
             i = (leader + turn) % 2
             other = problem.models[1 - i].visibility(poses[1 - i].as_array()[None, :], problem.landmarks)[0]
+            region: Region | None = problem.regions[i]
+            if problem.spacing > 0.0:
+                region = problem.regions[i].without_discs(poses[1 - i].position_W, problem.spacing)
+            if region is None:
+                break
             response = blackbox.search(
-                PoseProblem(problem.models[i], problem.landmarks, problem.regions[i], other), start=poses[i], rng=rng
+                PoseProblem(problem.models[i], problem.landmarks, region, other), start=poses[i], rng=rng
             )
             poses[i] = response.pose
             improved = problem.score((poses[0], poses[1]))

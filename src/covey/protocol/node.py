@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from covey.geometry import Pose2
 from covey.protocol.adoption import adopters, map_digest, orphans
@@ -70,6 +71,9 @@ class Node(Trader):
         Which committed poses may trade with each other; all by default.  Needs ``options.membership``.
     avoid : tuple of Pose2, keyword-only
         Poses that the agent could not reach in an earlier life.
+    assigned : array, shape (n,), keyword-only
+        Which agent takes each landmark first that nobody has owned yet; whoever sees it best by default.  A team all of
+        whose agents begin with `LandmarkRecords.unknown` starts from this.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class Node(Trader):
         options: NodeOptions | None = None,
         links: Links | None = None,
         avoid: tuple[Pose2, ...] = (),
+        assigned: NDArray[np.int64] | None = None,
     ) -> None:
         super().__init__(
             agent,
@@ -118,6 +123,8 @@ class Node(Trader):
         self._map_at = 0.0
         self._maps_from: set[int] = set()  # whose map has arrived in this life
         self._orphaned = False
+        self._assigned = assigned
+        self._proved_at = -1
         self._adopted_at: tuple[int, ...] = ()
         self._digested_at: tuple[int, ...] = ()
         self._digest_then = b""
@@ -134,6 +141,7 @@ class Node(Trader):
         order: Order = random_order,
         options: NodeOptions | None = None,
         links: Links | None = None,
+        assigned: NDArray[np.int64] | None = None,
     ) -> Node:
         """Build the node of an agent that has crashed, from what it remembers.
 
@@ -161,6 +169,7 @@ class Node(Trader):
             options=options,
             links=links,
             avoid=memory.avoid,
+            assigned=assigned,
         )
         node._waypoint = None
         return node
@@ -175,9 +184,18 @@ class Node(Trader):
         """Whether the agent has nothing left to do by itself.
 
         It is IDLE, at its waypoint, nobody is in Q that is in reach, and every landmark of its map has an owner that
-        lives.
+        lives.  With ``options.prove`` its pose has been proved as well.
         """
+        return self._at_rest and not self.unproved
+
+    @property
+    def _at_rest(self) -> bool:
         return super().quiescent and not self._orphaned
+
+    @property
+    def unproved(self) -> bool:
+        """Whether the agent has nothing left to do but to have its pose proved for its landmarks: see `pose_proved`."""
+        return self._options.prove and self._proved_at != self.epoch and self._at_rest
 
     @property
     def over(self) -> bool:
@@ -306,6 +324,14 @@ class Node(Trader):
             self._adopt(pose, Cause.PROOF, outputs)
         return self._finish(outputs)
 
+    def pose_proved(self, now: float, epoch: int) -> list[Output]:
+        """Report that no pose is better by more than counts for the landmarks that the agent had at this epoch.
+
+        Nothing happens if its pose or landmarks have changed since.
+        """
+        self._proved_at = epoch
+        return self._finish([])
+
     def suspect(self, agent: int) -> None:
         """Report that the transport has lost the connection to another; it is not asked until it is heard again."""
         if self._membership is not None:
@@ -349,7 +375,7 @@ class Node(Trader):
                 self._send_map(others[int(rng.integers(len(others)))], outputs)
 
     def _send_map(self, to: int, outputs: list[Output]) -> None:
-        outputs.append(Send(to, Map(self.sender, self.records.all(), self.poses.as_mapping())))
+        outputs.append(Send(to, Map(self.sender, self.records.known(), self.poses.as_mapping())))
 
     def _hear(self, now: float, sender: Sender, outputs: list[Output]) -> bool:
         """Note that a message has come; whether to take it in."""
@@ -401,7 +427,7 @@ class Node(Trader):
         self._orphaned = len(without) > 0
         if not self._orphaned or not self._maps_from >= living.keys() - {self.agent}:
             return  # somebody who lives may know another owner
-        best = adopters(self._planner, own.poses, living, len(own.records))
+        best = adopters(self._planner, own.records, own.poses, living, self._assigned)
         if best is not None and (best[without] == self.agent).any():
             outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
             self._orphaned = len(orphans(own.records, living)) > 0

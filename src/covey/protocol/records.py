@@ -233,6 +233,10 @@ class LandmarkRecords:
         """Return a copy of all records."""
         return RecordSlice(np.arange(len(self.values)), self.values.copy())
 
+    def known(self) -> RecordSlice:
+        """Return a copy of the records of all landmarks that anybody has owned."""
+        return self.slice(np.flatnonzero(self.values[:, GENERATION] >= FIRST_GENERATION))
+
     def copy(self) -> LandmarkRecords:
         """Return an independent copy."""
         return LandmarkRecords(self.values)

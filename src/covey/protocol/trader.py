@@ -103,6 +103,17 @@ class Trader:
         return self._holdings.escrow
 
     @property
+    def options(self) -> NodeOptions:
+        """Waiting times, and what is asked of the agent."""
+        return self._options
+
+    @property
+    def offer(self) -> Offer | None:
+        """The offer that stands while the agent is a prepared server."""
+        message = None if self._pending is None else self._pending.message
+        return message if isinstance(message, Offer) else None
+
+    @property
     def avoid(self) -> tuple[Pose2, ...]:
         """Poses that the agent could not reach."""
         return self._holdings.avoid

@@ -23,6 +23,7 @@ from covey.optimize import (
     Search,
 )
 from covey.protocol import AgentState, PoseRecords, Proposal, coverage_score
+from covey.runtime.airspace import Airspace
 from covey.runtime.streams import Stream, generator
 from covey.sensing import VisibilityModel, build_model, is_compiled
 
@@ -117,6 +118,8 @@ class TeamPlanner:
         self.regions: list[Region] = [agent.region for agent in mission.agents]
         self.optimizer = build_optimizer(optimizer)
         self.optimizations = 0
+        self.airspace: Airspace | None = None
+        """Set by the team if agents share layers: the regions are then narrowed to what is free at the moment."""
         self._trade = trade
         self._rngs = [generator(seed, Stream.PLANNER, agent) for agent in range(len(mission.agents))]
         self._pair = PairSearch()
@@ -147,7 +150,7 @@ class TeamPlanner:
         if self._is_blind(agent):
             return None
         self.optimizations += 1
-        problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self.regions[agent])
+        problem = PoseProblem(self.models[agent], self.landmarks.subset(landmarks), self._room(agent))
         result = self.optimizer.maximize(problem, start=pose, tolerance=0.5 * self.sigma, rng=self._rngs[agent])
         before = coverage_score(self, agent, pose, landmarks)
         return result.pose if result.score > before + LEAST_GAIN * self.sigma else None
@@ -183,9 +186,10 @@ class TeamPlanner:
         models = (self.models[server.agent], self.models[client.agent])
         problem = PairProblem(
             models,
-            (self.regions[server.agent], self.regions[client.agent]),
+            self._rooms(server.agent, client.agent),
             (server.pose, client.pose),
             self.landmarks.subset(union),
+            0.0 if self.airspace is None else self.airspace.clear(server.agent, client.agent),
         )
         before = sum(coverage_score(self, state.agent, state.pose, state.landmarks) for state in (server, client))
         poses, score = self._pair.maximize(problem, rng=self._rngs[server.agent])
@@ -197,6 +201,20 @@ class TeamPlanner:
         if tie.any():
             mine = np.where(tie, np.isin(union, server.landmarks, assume_unique=True), mine)
         return Proposal(poses[0], poses[1], union[mine], union[~mine])
+
+    def _room(self, agent: int, beside: int | None = None) -> Region:
+        """Return where an agent may be now, in its region and airspace; a partner `beside` it is not looked at."""
+        region = self.regions[agent]
+        return region if self.airspace is None else self.airspace.room(agent, region, beside=beside)
+
+    def _rooms(self, first: int, second: int) -> tuple[Region, Region]:
+        """Return where each of two agents that move together may be, apart from what they keep between them."""
+        room = self._room(first, second)
+        if self.regions[first] is self.regions[second] and (
+            self.airspace is None or self.airspace.clear(first, second)
+        ):
+            return room, room  # one and the same, which spares half of the work
+        return room, self._room(second, first)
 
     def _is_blind(self, agent: int) -> bool:
         return self.models[agent].maximum == 0.0

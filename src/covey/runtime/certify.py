@@ -16,9 +16,11 @@ from covey.coverage.certificate import ROUNDING, partition_violations, pose_viol
 from covey.errors import ResultError
 from covey.geometry import Pose2
 from covey.mission import Mission
+from covey.mission.flight_build import CLOSE
 from covey.optimize import Exact, PoseProblem, PoseResult
 from covey.optimize.team_bound import team_bound
 from covey.runtime.agent import build_models
+from covey.runtime.airspace import room_of
 from covey.runtime.record import read_result
 from covey.runtime.result import Deployment, Progress
 from covey.runtime.streams import Stream, generator
@@ -39,6 +41,8 @@ def prove_poses(
 ) -> dict[int, PoseResult]:
     """Prove some agents' poses for their landmarks to half of sigma, on all cores, however many there are.
 
+    Where agents share a layer each is proved over what the committed positions of the others leave of its region.
+
     Parameters
     ----------
     poses, sets : sequences
@@ -52,9 +56,9 @@ def prove_poses(
     exact = Exact(cancelled=stop.is_set)
 
     def prove(agent: int) -> PoseResult:
-        problem = PoseProblem(models[agent], mission.landmarks.subset(sets[agent]), mission.agents[agent].region)
-        pose = poses[agent]
-        start = pose if mission.agents[agent].region.contains(pose.x, pose.y) else None
+        region, pose = room_of(mission, poses, agent), poses[agent]
+        problem = PoseProblem(models[agent], mission.landmarks.subset(sets[agent]), region)
+        start = pose if region.contains(pose.x, pose.y) else None
         tolerance = 0.5 * mission.coverage.sigma
         return exact.maximize(problem, start=start, tolerance=tolerance, rng=generator(seed, Stream.PROOF, agent))
 
@@ -78,7 +82,10 @@ def prove_poses(
 def admissibility_violations(
     mission: Mission, poses: Sequence[Pose2], sets: Sequence[NDArray[np.int64]]
 ) -> list[Violation]:
-    """Check that it is a deployment at all: each landmark has one owner, and each pose is inside its region."""
+    """Check that it is a deployment at all.
+
+    Each landmark has one owner, each pose is inside its region, and agents that share a layer keep their distance.
+    """
     violations = partition_violations([agent.name for agent in mission.agents], sets, len(mission.landmarks))
     for agent, pose in zip(mission.agents, poses, strict=True):
         if not agent.region.contains(pose.x, pose.y):
@@ -86,6 +93,12 @@ def admissibility_violations(
             away = float(np.hypot(x - pose.x, y - pose.y))
             message = f"{agent.name} is outside its region, by {away:.6g} m"
             violations.append(Violation("region", (agent.name,), None, away, message))
+    if mission.separation is not None:
+        spacing = mission.separation.spacing
+        for i, j, away in mission.separation.too_close(poses, spacing - CLOSE):
+            names = mission.agents[i].name, mission.agents[j].name
+            message = f"{names[0]} and {names[1]} share a layer {away:.6g} m apart; at least {spacing:.6g} is asked for"
+            violations.append(Violation("separation", names, None, spacing - away, message))
     return violations
 
 
@@ -126,8 +139,9 @@ def certify(source: Deployment | str | Path, *, on_progress: ProgressCallback | 
     -------
     Certificate
         Whether the partition is disjoint and complete, each pose inside its region and within sigma of the best for
-        its landmarks (proved by `exact`), no landmark better seen by another agent by more than sigma, the stated
-        scores those that the poses give, and a stated bound not below them; what is violated, where.
+        its landmarks (proved by `exact`), agents that share a layer as far apart as they must be, no landmark better
+        seen by another agent by more than sigma, the stated scores those that the poses give, and a stated bound not
+        below them; what is violated, where.
 
     Raises
     ------

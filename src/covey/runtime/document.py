@@ -19,6 +19,7 @@ from covey.environment.georeference import GeoReference
 from covey.errors import ArgumentError, ResultError
 from covey.geometry import Pose2, Region
 from covey.mission import AgentSpec, Assignment, CoverageSpec, Mission, OptimizerName, SensorSpec, Trade
+from covey.mission.flight import Separation
 from covey.runtime.checked import CheckedValue, parse_json
 from covey.runtime.flight_document import flight_document, read_flight
 from covey.runtime.result import AgentResult, Baseline, Deployment, HistoryEntry, PlanStatus, Scores
@@ -253,6 +254,9 @@ def _mission(mission: Mission, folder: Path | None) -> dict[str, Any]:
         "georeference": None
         if reference is None
         else {"lon_deg": reference.lon_deg, "lat_deg": reference.lat_deg, "alt_m": reference.alt_m},
+        "separation": None
+        if mission.separation is None
+        else {"spacing_m": mission.separation.spacing, "layers": list(mission.separation.layers)},
         "document": _plain(mission.source),
     }
 
@@ -352,9 +356,23 @@ def _read_mission(
             lat_deg=reference["lat_deg"].number(),
             alt_m=reference["alt_m"].number(),
         ),
+        separation=_read_separation(value, len(agents)),
         source=dict(value["document"].mapping()),
         path=path if path is None or folder is None else folder / path,
     )
+
+
+def _read_separation(mission: CheckedValue, agents: int) -> Separation | None:
+    value = mission.get("separation") if "separation" in mission.mapping() else None
+    if value is None:
+        return None
+    layers = value["layers"].items()
+    if len(layers) != agents:
+        value["layers"].fail(f"{agents} layers, one an agent")
+    spacing = value["spacing_m"].number()
+    if spacing <= 0.0:
+        value["spacing_m"].fail("a number above 0")
+    return Separation(spacing, tuple(None if layer.value is None else layer.integer() for layer in layers))
 
 
 def _read_history(root: CheckedValue) -> tuple[HistoryEntry, ...]:

@@ -72,6 +72,8 @@ class FilmFrames:
     moments : sequence of (time, owner, poses)
         The owner of each landmark from a time on.
     obstacles : sequence of Obstacle
+    appeared : sequence of float
+        When each of them appeared, seconds; without, all are there from the start.
     dpi : float
         Dots per inch: the picture measures `WIDTH` x `HEIGHT` inches.
     speed : float
@@ -88,6 +90,7 @@ class FilmFrames:
         mission: Mission | None,
         moments: Sequence[tuple[float, NDArray[np.int64], Sequence[Pose2]]],
         obstacles: Sequence[Obstacle] = (),
+        appeared: Sequence[float] = (),
         dpi: float,
         speed: float,
         scene: Scene | None,
@@ -119,9 +122,11 @@ class FilmFrames:
             self.map.set_ylabel("y [m]")
             self._scale = frame.points_per_metre
             self._ground = Ground(self.map, mission, moments, self.palette, self._scale)
-            for shape in draw_obstacles(self.map, obstacles):
+            shapes = draw_obstacles(self.map, obstacles)
+            for shape in shapes:
                 shape.set_animated(True)
                 self._ground.artists.append(shape)
+            self._appearing = list(zip(shapes, appeared or [-math.inf] * len(shapes), strict=True))
             self._tracks = Tracks(self.map, log, self.palette, self._scale)
             self._first = self._picture_of_scene(float(times[0]), None)
             self._side(top - 0.1)
@@ -141,6 +146,10 @@ class FilmFrames:
         now = float(self.times[index])
         renderer = self.canvas.get_renderer()
         changed = self._ground.update(now, index, settled=index == len(self.times) - 1)
+        for shape, since in self._appearing:
+            if shape.get_visible() != (since <= now):
+                shape.set_visible(since <= now)
+                changed = True
         if self._update_texts(index, now) or changed or self._with_ground is None:
             self.canvas.restore_region(self._page)
             for artist in (*self._ground.artists, self._score, self._event):

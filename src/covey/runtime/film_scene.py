@@ -40,6 +40,7 @@ def film_scene(
     mission: Mission | None,
     snapshots: Sequence[tuple[float, NDArray[np.int64], Sequence[Pose2]]] = (),
     obstacles: Sequence[Obstacle] = (),
+    appeared: Sequence[float] = (),
 ) -> Iterator[Callable[[float], Pixels | None] | None]:
     """Give the `scene` of `covey.runtime.film.write_film`, or None where nothing can be rendered.
 
@@ -53,6 +54,8 @@ def film_scene(
     snapshots : sequence of (time, owner, poses)
         Who owned what from a time on.
     obstacles : sequence of Obstacle
+    appeared : sequence of float
+        When each of them appeared, seconds; without, all are there from the start.
     """
     if why_no_pictures() is not None:
         yield None
@@ -97,6 +100,7 @@ def film_scene(
                 objects_W=log.objects[row] if len(log.object_radii) else None,
                 landmark_colours=ground,
                 trails_W=log.state[first : row + 1 : stride, :, :3],
+                hidden={k for k, since in enumerate(appeared) if since > now},
             )
 
         yield scene

@@ -50,7 +50,7 @@ def read_flight(value: CheckedValue) -> FlightReport:
         wall=value["wall_s"].number(),
         min_separation=value["min_separation_m"].known(math.inf),
         required_separation=value["required_separation_m"].number(),
-        separation_cost=value["separation_cost"].number(),
+        separation_cost=value["separation_cost"].known(math.nan),
         altitudes=tuple(item.number() for item in value["altitudes_m"].items()),
         collisions=value["collisions"].integer(),
         tracking_rms=value["tracking_rms_m"].number(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,16 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.coverage import agent_scores, team_visibility
-from covey.errors import InputError
+from covey.errors import ArgumentError, InputError
 from covey.flight.layout import P
 from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
-from covey.runtime.airspace import clear_region, without_disc
-from covey.runtime.plan import PlanRun
+from covey.runtime.airspace import clear_region, cylinder, without_disc
+from covey.runtime.feed import Run, Watcher
+from covey.runtime.plan import PlanRun, plan, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.steering import AddObstacle, Kill, Request, Steering
+from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet
-from covey.vehicles.fleet import Fleet, Kind
+from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
 from covey.vehicles.flight_log import FlightLog
 
 SLOWEST, GRACE = 0.25, 20.0
@@ -61,6 +65,8 @@ class Flight:
         Everything over time.
     obstacles : tuple of Obstacle
         Those of the mission, and those that appeared.
+    appeared : tuple of float
+        When each of them did, seconds; 0 for those of the mission.
     moments : tuple of Moment
         Who owned what, each time that it changed.
     """
@@ -68,6 +74,7 @@ class Flight:
     deployment: Deployment
     log: FlightLog
     obstacles: tuple[Obstacle, ...]
+    appeared: tuple[float, ...]
     moments: tuple[Moment, ...]
 
 
@@ -78,6 +85,8 @@ def fly(
     seed: int | None = None,
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Flight:
     """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
 
@@ -92,6 +101,10 @@ def fly(
         Let the flight take as long as it would.
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
+    watch : Watcher, optional
+        Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it, set its speed, let vehicles fail and put obstacles in their way.
 
     Returns
     -------
@@ -110,7 +123,10 @@ def fly(
     kind = Kind(vehicles)
     if seed is not None:
         mission = mission.with_seed(seed)
-    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress).fly()
+    sortie = _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch)
+    if steering is not None:
+        sortie.let_steer(steering)
+    return sortie.fly()
 
 
 class _Sortie:
@@ -123,7 +139,9 @@ class _Sortie:
         *,
         realtime: bool,
         on_progress: Callable[[Progress], None] | None,
+        watch: Watcher | None,
     ) -> None:
+        self._planned = mission
         self._spec = spec = mission.flight
         self._began = time.monotonic()
         self.fleet: Fleet = build_fleet(mission, kind, realtime=realtime)
@@ -131,6 +149,7 @@ class _Sortie:
         self.run = PlanRun(mission, on_progress, travel=self)
         self._homes = [agent.pose for agent in mission.agents]
         self._obstacles = list(spec.obstacles)
+        self._appeared = [0.0] * len(self._obstacles)
         self._faults = list(spec.faults)
         self._deadlines: dict[int, float] = {}  # of the vehicles on their way
         self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
@@ -142,6 +161,12 @@ class _Sortie:
         self._changes = len(self.run.team.history)
         self.fleet.on_sample = self._scores
         check_starts(mission, self.fleet)
+        self._flown = math.nan
+        self._told_notes = 0
+        self._motion_due = 0.0
+        self._teller: TeamTeller | None = None
+        if watch is not None:
+            self._teller = self.run.teller = self._tell(watch)
 
     def fly(self) -> Flight:
         """Fly from take-off to landing."""
@@ -161,12 +186,26 @@ class _Sortie:
             self.fleet.simulator.close()
         for fault in self._faults:
             self._note("fault", [], f"a fault at {fault.at:g} s did not happen: the flight ended before")
+        if self._teller is not None:
+            self._tell_motion(self._teller)
+            self.run.tell_end(deployment)
+        report = self._report(flown)
+        if deployment.status is PlanStatus.SETTLED:
+            with suppress(KeyboardInterrupt):  # nothing of the flight is lost by it
+                report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
-            replace(deployment, flight=self._report(flown)),
+            replace(deployment, flight=report),
             self.fleet.log(),
             tuple(self._obstacles),
+            tuple(self._appeared),
             tuple(self._moments),
         )
+
+    def let_steer(self, steering: Steering) -> None:
+        """From now on do what others ask for."""
+        steering.measure(lambda: self.fleet.time, 0.1)
+        steering.offer(Kill, AddObstacle)
+        self.run.steering = steering
 
     # Travel
 
@@ -180,6 +219,11 @@ class _Sortie:
         self._deadlines[agent] = self.fleet.time + GRACE + way / SLOWEST + turn
         self._send(agent, pose, self.altitudes[agent])
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose at its altitude; nobody waits for its arrival."""
+        if agent not in self.fleet.lost:
+            self._send(agent, pose, self.altitudes[agent])
+
     def under_way(self, agent: int) -> bool:
         """Whether an agent's vehicle has not arrived yet, or will not."""
         return agent in self._deadlines or agent in self._held
@@ -190,6 +234,7 @@ class _Sortie:
             self._tick()
         held = self._held.pop(agent, None)
         if held is not None and agent not in self.fleet.lost:
+            held = self.run.team.free(agent, held)
             self._send(agent, held, self.altitudes[agent])
         return held
 
@@ -201,6 +246,9 @@ class _Sortie:
         now = self.fleet.time
         while self._faults and self._faults[0].at <= now:
             self._fail()
+        if self.run.steering is not None:
+            for request in self.run.steering.take():
+                self._grant(request)
         for agent in list(self._deadlines):
             if self.fleet.reached(agent):
                 del self._deadlines[agent]
@@ -209,6 +257,8 @@ class _Sortie:
             elif agent not in self.fleet.lost and (self.fleet.blocked(agent) or now > self._deadlines[agent]):
                 self._miss(agent)
         self._see_who_fell()
+        if self._teller is not None and now >= self._motion_due:
+            self._tell_motion(self._teller)
         self.run.report(self._stage)
 
     def _see_who_fell(self) -> None:
@@ -246,10 +296,34 @@ class _Sortie:
             self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
-            self._obstacles.append(fault.obstacle)
-            self.fleet.add_obstacle(fault.obstacle)
-            self._note("fault", [], "an obstacle appears")
-            self._check_waypoints()
+            self._appear(fault.obstacle)
+
+    def _appear(self, obstacle: Obstacle) -> None:
+        self._obstacles.append(obstacle)
+        self._appeared.append(self.fleet.time)
+        self.fleet.add_obstacle(obstacle)
+        if self._teller is not None:
+            self._teller.appeared(obstacle)
+        self._note("fault", [], "an obstacle appears")
+        self._check_waypoints()
+
+    def _grant(self, request: Request) -> None:
+        """Do what a visitor asks for, or say why not."""
+        match request.command:
+            case Kill(agent):
+                if not 0 <= agent < self.fleet.n or agent in self.fleet.lost:
+                    request.refuse("agent: expected one that still flies")
+                else:
+                    self.fleet.lose(agent, "was switched off")
+            case AddObstacle(x, y, radius, height):
+                room = radius + self.fleet.required_separation
+                if any(math.hypot(x - row[P], y - row[P + 1]) < room for row in self.fleet.state):
+                    request.refuse(f"obstacle: expected {room:.2f} m between its centre and each vehicle")
+                    return
+                try:
+                    self._appear(cylinder(x, y, radius, height))
+                except ArgumentError as error:
+                    request.refuse(str(error))
 
     def _check_waypoints(self) -> None:
         """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
@@ -281,6 +355,8 @@ class _Sortie:
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
+        if self._teller is not None:
+            self._teller.note(self.fleet.time, "landing", range(self.fleet.n), "all fly home and land")
         counts = self._reached, self._missed
         flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
         for agent in flying:
@@ -344,7 +420,32 @@ class _Sortie:
             self._moments.append(Moment(self.fleet.time, team.owner.copy(), tuple(team.poses)))
         poses = [self._pose(agent) for agent in range(self.fleet.n)]
         seen = team_visibility(self.run.models, poses, landmarks)
-        return team.score, float(agent_scores(seen, team.owner, landmarks.weights).sum())
+        self._flown = float(agent_scores(seen, team.owner, landmarks.weights).sum())
+        return team.score, self._flown
+
+    def _tell(self, watch: Watcher) -> TeamTeller:
+        fleet, run = self.fleet, self.run
+        scene = describe(
+            run.mission,
+            run.models,
+            run=Run.FLIGHT,
+            software=software_versions(),
+            body_radius=max(vehicle.body_radius for vehicle in fleet.parameters),
+            required_separation=fleet.required_separation,
+        )
+        return TeamTeller(watch, run.team, scene, clock=lambda: fleet.time, altitudes=self.altitudes)
+
+    def _tell_motion(self, teller: TeamTeller) -> None:
+        """Tell what happened since the last time, and where everybody is."""
+        fleet = self.fleet
+        self._motion_due = fleet.time + MOTION_EVERY - 0.5 * CONTROL_PERIOD
+        for event in fleet.recorder.events[self._told_notes :]:
+            if event.kind != "trade":  # the team tells of those
+                teller.note(
+                    fleet.time, event.kind, [fleet.recorder.names.index(name) for name in event.vehicles], event.text
+                )
+        self._told_notes = len(fleet.recorder.events)
+        teller.motion(fleet.state, objects_W=fleet.objects_W, score_flown=self._flown, separation=fleet.separation)
 
     def _report(self, flown: float) -> FlightReport:
         fleet = self.fleet
@@ -357,7 +458,7 @@ class _Sortie:
             min_separation=fleet.min_separation,
             required_separation=fleet.required_separation,
             altitudes=self.altitudes,
-            separation_cost=0.0,
+            separation_cost=math.nan,
             collisions=len(fleet.simulator.collisions),
             tracking_rms=fleet.tracking_rms,
             waypoints_reached=self._reached,
@@ -366,6 +467,17 @@ class _Sortie:
             lost=tuple(self._name(agent) for agent in sorted(fleet.lost)),
             events=tuple(log.events),
         )
+
+    def _separation_cost(self, final: float) -> float:
+        """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
+        if self._planned.separation is None:
+            return 0.0
+        self.run.report("comparing", force=True)
+        free = plan(replace(self._planned, separation=None))
+        if self._missed or self.fleet.lost:  # what was flown is not what was planned
+            apart = plan(self._planned)
+            final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
+        return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan
 
 
 def check_starts(mission: Mission, fleet: Fleet) -> None:

@@ -11,6 +11,9 @@ from pathlib import Path
 
 from covey.errors import OutputError
 
+PARTIAL = ".partial.mcap"
+"""End of the name of a record whose run goes on, or was killed; it is in nobody's way."""
+
 
 def check_target(target: Path, names: Sequence[str], is_ours: Callable[[Path], bool], *, overwrite: bool) -> None:
     """Check that files may be written into a directory, before any work is done.
@@ -41,7 +44,7 @@ def check_target(target: Path, names: Sequence[str], is_ours: Callable[[Path], b
             return
         if not target.is_dir():
             raise OutputError(f"{target}: expected a directory, got a file; choose another one")
-        present = sorted(entry.name for entry in target.iterdir())
+        present = sorted(entry.name for entry in target.iterdir() if not entry.name.endswith(PARTIAL))
     except OSError as error:
         raise OutputError(f"{target}: cannot be used as a directory: {error}") from error
     if present and not overwrite:

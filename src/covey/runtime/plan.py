@@ -12,6 +12,9 @@ from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from covey.coverage import Certificate
 from covey.geometry import Region
 from covey.mission import Mission, OptimizerName, SensorSpec, Trade
@@ -20,9 +23,12 @@ from covey.optimize.team_bound import require_built_in
 from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
+from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.steering import Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team, Travel
+from covey.runtime.telling import TeamTeller, describe
 from covey.sensing.registry import build_model
 
 if TYPE_CHECKING:
@@ -41,6 +47,8 @@ def plan(
     bound: bool = False,
     baseline: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Deployment:
     """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
 
@@ -59,6 +67,10 @@ def plan(
         Also deploy greedily and by Lloyd's iteration, to compare.
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
+    watch : Watcher, optional
+        Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it and set its speed.
 
     Returns
     -------
@@ -87,7 +99,14 @@ def plan(
     run = PlanRun(replace(mission, coverage=coverage), on_progress)
     if bound:
         require_built_in(run.models)
-    return run.deployment(bound=bound, baseline=baseline)
+    if steering is not None:
+        run.steering, watch = steering, steering.counting(watch)
+    if watch is not None:
+        scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
+        run.teller = TeamTeller(watch, run.team, scene)
+    result = run.deployment(bound=bound, baseline=baseline)
+    run.tell_end(result)
+    return result
 
 
 class PlanRun:
@@ -117,6 +136,8 @@ class PlanRun:
             mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
         )
         self.team = Team(mission, self.planner, seed=self.seed, travel=travel)
+        self.teller: TeamTeller | None = None
+        self.steering: Steering | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
@@ -134,7 +155,10 @@ class PlanRun:
         with suppress(KeyboardInterrupt):  # it takes nothing away from what has settled
             if bound and status is PlanStatus.SETTLED:
                 with self._timed("bound"):
-                    result = replace(result, bound=bound_team(result, on_progress=self._on_progress))
+                    found = bound_team(result, on_progress=self._on_progress)
+                    result = replace(result, bound=found)
+                    if self.teller is not None:
+                        self.teller.bound(found.team_upper_bound)
             if baseline and status is PlanStatus.SETTLED:
                 with self._timed("baseline"):
                     self.report("baseline", force=True)
@@ -142,6 +166,12 @@ class PlanRun:
                     result = replace(result, baseline=greedy_lloyd(self.mission, self.models, rng=rng))
         self.timing["total"] = sum(self.timing.values())
         return replace(result, timing_s=self.timing)
+
+    def tell_end(self, result: Deployment) -> None:
+        """Tell whoever watches that the run is over."""
+        if self.teller is not None:
+            certificate = result.certificate
+            self.teller.end(result.status.value, None if certificate is None else certificate.holds)
 
     def interrupted(self) -> Deployment:
         """Return what is known by now."""
@@ -168,7 +198,7 @@ class PlanRun:
             pose_optimizations=self.planner.optimizations,
             agents=agents,
             certificate=certificate,
-            software=dict(_software()),
+            software=dict(software_versions()),
             snapshots=team.finish(),
         )
 
@@ -184,6 +214,8 @@ class PlanRun:
         self.models = (*self.models[:agent], model, *self.models[agent + 1 :])
         self.planner.replace_model(agent, model)
         self._respecify(agent, sensor=specification)
+        if self.mission.separation is not None:  # it does not fly: nobody has to keep clear of its pose
+            self.mission = self.team.mission = replace(self.mission, separation=self.mission.separation.without(agent))
         self.team.note("lost", agent)
 
     def _respecify(self, agent: int, **changes: Any) -> None:
@@ -198,14 +230,14 @@ class PlanRun:
             for done, _ in enumerate(team.start(), start=1):
                 self.report("optimizing", fraction=done / len(self.mission.agents))
         proofs: dict[int, PoseResult] = {}
-        proved: dict[int, tuple[object, object, bytes]] = {}
+        proved: dict[int, tuple[object, ...]] = {}
         while True:
             with self._timed("trading"):
                 while team.advance():
                     self.report("trading")
             with self._timed("proof"):
                 sets = team.sets()
-                states = {i: (self.mission.agents[i], team.poses[i], sets[i].tobytes()) for i in range(len(sets))}
+                states = {i: self._state(i, sets[i]) for i in range(len(sets))}
                 open_agents = [i for i in states if proved.get(i) != states[i]]
                 proofs |= prove_poses(
                     self.mission,
@@ -223,11 +255,22 @@ class PlanRun:
                 if not adopted:
                     return build_certificate(self.mission, self.models, team.poses, sets, proofs)
 
+    def _state(self, agent: int, landmarks: NDArray[np.int64]) -> tuple[object, ...]:
+        """Return all that the proof of an agent's pose rests on."""
+        separation, poses = self.mission.separation, self.team.poses
+        others = () if separation is None else tuple(poses[other] for other in separation.sharing(agent))
+        return (self.mission.agents[agent], poses[agent], landmarks.tobytes(), others)
+
     def _report_proofs(self, done: int, *, of: int) -> None:
         self.report("proving", fraction=done / of)
 
     def report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
-        """Tell how far the run is, when it is time to."""
+        """Tell how far the run is, when it is time to, and wait while others hold it."""
+        self._report(stage, fraction, force=force)
+        if self.steering is not None:
+            self.steering.hold(lambda: self._report(stage, fraction, force=False))
+
+    def _report(self, stage: str, fraction: float | None, *, force: bool) -> None:
         now = time.monotonic()
         if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
             self._reported = now
@@ -243,7 +286,8 @@ class PlanRun:
 
 
 @functools.cache
-def _software() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
     import covey
 
     versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}

@@ -17,8 +17,18 @@ from covey.runtime.output import check_target, staged
 from covey.runtime.result import Deployment
 
 RESULT = "result.json"
+RECORD = "record.mcap"
 FLIGHT_FILES = ("flight.npz", "flight.png", "flight.pdf", "flight.mp4", "flight.gif")
-FILES = ("agents.csv", "deployment.png", "deployment.pdf", "deployment.geojson", *FLIGHT_FILES, RESULT)
+FILES = (
+    "agents.csv",
+    "deployment.png",
+    "deployment.pdf",
+    "deployment.geojson",
+    *FLIGHT_FILES,
+    "launch.json",
+    RECORD,
+    RESULT,
+)
 """What a result directory may hold; `RESULT` last, since a directory that has it is complete."""
 
 MAX_BYTES = 500_000_000

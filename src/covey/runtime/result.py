@@ -127,7 +127,9 @@ class FlightReport:
     altitudes : tuple of float
         One an agent.
     separation_cost : float
-        What keeping apart cost in score.
+        What keeping apart cost in score: what `plan` reaches with the same seed if agents that share a layer may come
+        as close as they like, less what it reaches as it is.  Both are local optima, so luck may make it negative.
+        0 where nobody shares a layer; NaN if it was not computed.
     collisions : int
     tracking_rms : float
         Root mean square of the distance from the reference.

@@ -9,7 +9,7 @@ import functools
 import importlib
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from covey.errors import ArgumentError
 from covey.flight.layout import OBSERVATION, QUAT, P
 from covey.runtime.palette import rgb
-from covey.runtime.scene_model import FOV, Stage, paint_ground, scene_model
+from covey.runtime.scene_model import CONCRETE, FOV, Stage, paint_ground, scene_model
 
 EDGE = 0.08
 """Share of the picture left free around what `frame_all` shows."""
@@ -128,6 +128,11 @@ class SceneCamera:
         self.stage, self.width, self.height = stage, width, height
         self._model = scene_model(stage, width, height)
         self._data = mujoco.MjData(self._model)
+        names = [self._model.geom(g).name for g in range(self._model.ngeom)]
+        self._obstacles = [
+            [g for g, name in enumerate(names) if name.startswith(f"obstacle {k}.")]
+            for k in range(len(stage.obstacles))
+        ]
         self._context = _context(width, height)
         self._context.make_current()
         self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
@@ -147,6 +152,7 @@ class SceneCamera:
         objects_W: NDArray[np.float64] | None = None,
         landmark_colours: Sequence[str | None] | None = None,
         trails_W: NDArray[np.float64] | None = None,
+        hidden: Collection[int] = (),
     ) -> NDArray[np.uint8]:
         """Draw one moment.
 
@@ -161,6 +167,8 @@ class SceneCamera:
             ``#rrggbb`` of each landmark's square, None for one that nobody owns.
         trails_W : array, shape (k, n, 3), optional
             Where the vehicles were, oldest first, frame W, metres.
+        hidden : collection of int, optional
+            Which obstacles are not there.
 
         Returns
         -------
@@ -188,6 +196,8 @@ class SceneCamera:
         self._data.mocap_quat[:n] = state[:, QUAT : QUAT + 4]
         if len(objects):
             self._data.mocap_pos[n:] = objects
+        for k, pieces in enumerate(self._obstacles):
+            self._model.geom_rgba[pieces, 3] = 0.0 if k in hidden else CONCRETE[3]
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._eye.lookat[:] = view.centre_W

@@ -84,7 +84,8 @@ def magnification(stage: Stage) -> list[float]:
 def scene_model(stage: Stage, width: int, height: int) -> Any:
     """Compile the scene for pictures of a size in pixels: nothing in it moves by itself.
 
-    The vehicles, then the moving objects, are its mocap bodies; the texture ``ground`` is to be filled by
+    The vehicles, then the moving objects, are its mocap bodies; the geoms of obstacle k are called ``obstacle k.``, and
+    the number of the piece; the texture ``ground`` is to be filled by
     `paint_ground`.
     """
     import mujoco
@@ -140,15 +141,18 @@ def _add_obstacle(spec: Any, k: int, obstacle: Obstacle) -> None:
     geom = mujoco.mjtGeom
     match obstacle:
         case Sphere(center, radius):
-            spec.worldbody.add_geom(type=geom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], rgba=CONCRETE)
+            ball = [radius, 0.0, 0.0]
+            spec.worldbody.add_geom(
+                name=f"obstacle {k}.0", type=geom.mjGEOM_SPHERE, pos=center, size=ball, rgba=CONCRETE
+            )
         case Box(low, high):
             middle, half = np.add(low, high) / 2.0, np.subtract(high, low) / 2.0
-            spec.worldbody.add_geom(type=geom.mjGEOM_BOX, pos=middle, size=half, rgba=CONCRETE)
+            spec.worldbody.add_geom(name=f"obstacle {k}.0", type=geom.mjGEOM_BOX, pos=middle, size=half, rgba=CONCRETE)
         case Prism():
             for piece, corners in enumerate(convex_pieces(obstacle)):
                 name = f"obstacle {k}.{piece}"
                 spec.add_mesh(name=name, uservert=corners.ravel(), smoothnormal=False)
-                spec.worldbody.add_geom(type=geom.mjGEOM_MESH, meshname=name, rgba=CONCRETE)
+                spec.worldbody.add_geom(name=name, type=geom.mjGEOM_MESH, meshname=name, rgba=CONCRETE)
 
 
 def _add_quadrotor(spec: Any, i: int, vehicle: VehicleParameters, scale: float, colour: str) -> None:

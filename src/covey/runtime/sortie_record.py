@@ -147,7 +147,10 @@ def _write_log(
 
         mission = None if deployment is None else deployment.mission
         moments = () if flight is None else flight.moments
-        with film_scene(log, vehicles, mission=mission, snapshots=moments, obstacles=obstacles) as scene:
+        appeared = () if flight is None else flight.appeared
+        with film_scene(
+            log, vehicles, mission=mission, snapshots=moments, obstacles=obstacles, appeared=appeared
+        ) as scene:
             write_film(
                 log,
                 staging / "flight",
@@ -155,5 +158,6 @@ def _write_log(
                 snapshots=moments,
                 scene=scene,
                 obstacles=obstacles,
+                appeared=appeared,
                 on_progress=report,
             )

@@ -19,6 +19,7 @@ from covey.protocol import (
     LandmarkRecords,
     Lock,
     Node,
+    NodeOptions,
     Output,
     PoseOptimized,
     Publish,
@@ -27,6 +28,7 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.runtime.agent import TeamPlanner, nearest_first
+from covey.runtime.airspace import Airspace, check_clear_starts
 from covey.runtime.result import HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.transports import Loopback
@@ -37,6 +39,13 @@ class Travel(Protocol):
 
     def go_to(self, agent: int, pose: Pose2) -> None:
         """Send an agent's vehicle to a pose."""
+        ...
+
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Let an agent's vehicle leave for a pose that a trade has committed; `go_to` follows when that is through.
+
+        Others may have been committed to the place that it leaves.
+        """
         ...
 
     def under_way(self, agent: int) -> bool:
@@ -54,6 +63,9 @@ class Teleport:
     def go_to(self, agent: int, pose: Pose2) -> None:
         """Do nothing."""
 
+    def make_way(self, agent: int, pose: Pose2) -> None:
+        """Do nothing."""
+
     def under_way(self, agent: int) -> bool:
         """Return False."""
         return False
@@ -61,6 +73,18 @@ class Teleport:
     def wait(self, agent: int) -> Pose2 | None:
         """Return None."""
         return None
+
+
+class Onlooker(Protocol):
+    """Wants to know what happens in a team, the moment it happens."""
+
+    def changed(self, event: str, agents: tuple[int, ...]) -> None:
+        """Take notice of a new entry of the history, with the indices of the agents."""
+        ...
+
+    def acted(self, agent: int) -> None:
+        """Take notice of an agent that has done something, perhaps only answered."""
+        ...
 
 
 def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
@@ -95,6 +119,15 @@ class Team:
         Root of all randomness.
     travel : Travel, optional
         How agents get to their waypoints; at once by default.
+    options : NodeOptions, optional
+        Of the agents.
+    delay : (float, float)
+        Shortest and longest time that a message takes, seconds.
+
+    Raises
+    ------
+    InputError
+        If agents that share a layer start too close to each other.
 
     Notes
     -----
@@ -106,9 +139,20 @@ class Team:
     hears each event the moment it happens; the nodes themselves know only what messages told them.
     """
 
-    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        planner: TeamPlanner,
+        *,
+        seed: int,
+        travel: Travel | None = None,
+        options: NodeOptions | None = None,
+        delay: tuple[float, float] = (0.5e-3, 1.5e-3),
+    ) -> None:
+        check_clear_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
+        self.onlooker: Onlooker | None = None
         self.planner = planner
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = initial_owners(mission, seed)
@@ -117,16 +161,21 @@ class Team:
         self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-        self.bus = Loopback(rng=generator(seed, Stream.BUS))
+        self.bus = Loopback(rng=generator(seed, Stream.BUS), delay=delay)
         records = LandmarkRecords.initial(
             len(mission.landmarks), {agent: np.flatnonzero(self.owner == agent) for agent in agents}
         )
         poses = dict(enumerate(self.poses))
-        self.nodes = [Node(agent, list(agents), records, poses, planner, order=nearest_first) for agent in agents]
+        self.nodes = [
+            Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options) for agent in agents
+        ]
+        self.airspace = None if mission.separation is None else Airspace(self)
+        planner.airspace = self.airspace
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
-            self.bus.attach(node, generator(seed, Stream.NODE, agent))
+            mortal = options is not None and options.membership is not None
+            self.bus.attach(node, generator(seed, Stream.NODE, agent), hears_heartbeats=mortal)
         self._first_client: int | None = None
 
     @property
@@ -138,6 +187,7 @@ class Team:
         """Optimise every agent's first pose, one an iteration."""
         for agent in range(len(self.nodes)):
             self._act(agent, self.bus.start(agent))
+            self._show(agent)
             yield
         self._take_snapshot("after_first_optimization")
 
@@ -166,6 +216,13 @@ class Team:
             self.hold(agent, held)
         return held is not None
 
+    def free(self, agent: int, pose: Pose2) -> Pose2:
+        """Return the pose if an agent may be committed there now, or else the nearest where it may."""
+        if self.airspace is None:
+            return pose
+        region = self.airspace.room(agent, self.mission.agents[agent].region)
+        return Pose2(*region.project(pose.x, pose.y), pose.yaw)
+
     def hold(self, agent: int, pose: Pose2) -> None:
         """Commit the pose that an agent holds because it cannot reach or keep its waypoint (V8)."""
         self._carry_out(agent, self.nodes[agent].waypoint_unreachable(self.bus.now, pose))
@@ -175,13 +232,16 @@ class Team:
         assert step is not None, "the bus ran dry before termination was detected"
         if step.agent is not None:
             self._act(step.agent, step.outputs)
+            self._show(step.agent)
         if self._first_client is not None and self.nodes[self._first_client].lock is not Lock.CLIENT_DONE:
             # the client is through when the server has acknowledged: by then both have optimised their poses
             self._first_client = None
             self._take_snapshot("after_first_trade")
 
     def adopt(self, agent: int, pose: Pose2) -> bool:
-        """Offer an agent a better pose that a proof found; whether it took it."""
+        """Offer an agent a better pose that a proof found; whether it is still free and the agent took it."""
+        if self.airspace is not None and not self.airspace.is_free(agent, pose):
+            return False
         outputs = self.nodes[agent].adopt_pose(self.bus.now, pose)
         self._carry_out(agent, outputs)
         return any(isinstance(output, PoseOptimized) for output in outputs)
@@ -192,6 +252,7 @@ class Team:
             if isinstance(output, Publish):
                 self._detector.receive(output.heartbeat)
         self._act(agent, self.bus.apply(agent, outputs))
+        self._show(agent)
 
     def note(self, event: str, agent: int) -> None:
         """Score an agent anew and put into the history why."""
@@ -236,7 +297,10 @@ class Team:
                 self._log("abandoned", (output.agent,))
 
     def _on_trade(self, trade: TradeCommitted) -> None:
-        self.poses[trade.client], self.poses[trade.server] = trade.client_pose, trade.server_pose
+        for agent, pose in ((trade.client, trade.client_pose), (trade.server, trade.server_pose)):
+            if self.airspace is not None and pose != self.poses[agent]:
+                self.travel.make_way(agent, pose)
+            self.poses[agent] = pose
         self.owner[trade.client_landmarks] = trade.client
         self.owner[trade.server_landmarks] = trade.server
         self.trades += 1
@@ -244,13 +308,21 @@ class Team:
             self._first_client = trade.client
         self._log("trade", (trade.client, trade.server))
 
+    def _score_of(self, agent: int) -> float:
+        own = np.flatnonzero(self.owner == agent)
+        return float(self.planner.visibility(agent, self.poses[agent])[own] @ self.mission.landmarks.weights[own])
+
     def _log(self, event: str, agents: tuple[int, ...]) -> None:
-        weights = self.mission.landmarks.weights
         for agent in agents:
-            own = np.flatnonzero(self.owner == agent)
-            self.scores[agent] = self.planner.visibility(agent, self.poses[agent])[own] @ weights[own]
+            self.scores[agent] = self._score_of(agent)
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
+        if self.onlooker is not None:
+            self.onlooker.changed(event, agents)
+
+    def _show(self, agent: int) -> None:
+        if self.onlooker is not None:
+            self.onlooker.acted(agent)
 
     def _snapshot(self, label: str) -> Snapshot:
         return Snapshot(label, tuple(self.poses), self.owner.copy(), self.score)

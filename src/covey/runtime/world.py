@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +19,9 @@ from covey.mission.flight import NoiseSpec, WindSpec
 from covey.runtime.streams import Stream, generator
 from covey.vehicles.fleet import Arrival, Fleet, Kind
 from covey.vehicles.kinematic import KinematicSimulator
+
+LOWEST = 0.5
+"""Below this altitude, metres, vehicles go only to land, or where the mission itself is lower."""
 
 LOG_EVERY = 0.1
 """Seconds between two rows of a mission's log."""
@@ -59,13 +63,14 @@ def build_simulator(
     return MujocoSimulator(vehicles, positions_W, yaws, obstacles=obstacles, wind=air, noise=errors, rng=rng)
 
 
-def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Fleet:
+def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False, log_every: float = LOG_EVERY) -> Fleet:
     """Build the fleet of a mission, one vehicle an agent, standing at the agents' starting poses."""
     spec = mission.flight
     vehicle = load_vehicle(spec.vehicle)
-    options = NavigationOptions.for_vehicle(
-        vehicle, **({} if spec.max_speed is None else {"max_speed": spec.max_speed})
-    )
+    limits: dict[str, float] = {} if spec.max_speed is None else {"max_speed": spec.max_speed}
+    if spec.ceiling < math.inf:
+        limits |= {"ceiling": spec.ceiling, "floor": min(LOWEST, 0.5 * spec.altitude)}
+    options = NavigationOptions.for_vehicle(vehicle, **limits)
     vehicles = [vehicle] * len(mission.agents)
     positions = np.array([[agent.pose.x, agent.pose.y, 0.0] for agent in mission.agents])
     yaws = np.array([agent.pose.yaw for agent in mission.agents])
@@ -78,6 +83,6 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
         navigator=Navigator(vehicles, spec.obstacles, options),
         kind=kind,
         arrival=Arrival(spec.arrival_position, spec.arrival_yaw),
-        log_every=LOG_EVERY,
+        log_every=log_every,
         realtime=realtime,
     )

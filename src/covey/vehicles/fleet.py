@@ -110,7 +110,8 @@ class Fleet:
         self.lost: set[int] = set()
         self.on_sample: Callable[[], tuple[float, float]] | None = None
         """Returns the committed and the flown score for a row of the log."""
-        self.min_separation = math.inf
+        self.separation = self.min_separation = math.inf
+        """Least scaled distance between two vehicles in the air, metres: now, and so far."""
         parameters = simulator.parameters
         self.required_separation = max(vehicle.required_separation for vehicle in parameters)
         self.vertical_ratio = max(vehicle.vertical_ratio for vehicle in parameters)
@@ -253,6 +254,11 @@ class Fleet:
             self.step()
         return True
 
+    @property
+    def objects_W(self) -> NDArray[np.float64]:
+        """Centres of the moving objects, metres, shape (j, 3)."""
+        return self._object_positions
+
     def log(self) -> FlightLog:
         """Return what has been recorded so far."""
         return self.recorder.log()
@@ -261,6 +267,7 @@ class Fleet:
         now, state = self.time, self.state
         flying = self._powered & (state[:, P + 2] > ON_GROUND)
         separation = min_separation(state[flying, P : P + 3], self.vertical_ratio) if flying.sum() > 1 else math.inf
+        self.separation = separation
         self.min_separation = min(self.min_separation, separation)
         self._watch_vehicles(now)
         errors = state[flying, P : P + 3] - references[flying, :3]

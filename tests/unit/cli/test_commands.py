@@ -24,6 +24,7 @@ from covey.coverage.certificate import Certificate
 from covey.errors import CoveyError, SolverError
 from covey.mission import Mission, OptimizerName, Trade
 from covey.runtime import record
+from covey.runtime.feed import Watcher
 from covey.runtime.record import read_result, write_result
 from covey.runtime.result import Deployment, PlanStatus, Progress
 
@@ -75,7 +76,11 @@ def asked(make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> l
     """Stand in for planning; returns what it was asked for."""
     asked: list[tuple[Mission, dict[str, Any]]] = []
 
-    def plan(mission: Mission, *, on_progress: Callable[[Progress], None], **options: Any) -> Deployment:
+    def plan(
+        mission: Mission, *, on_progress: Callable[[Progress], None], watch: Watcher, steering: None, **options: Any
+    ) -> Deployment:
+        assert callable(watch)
+        assert steering is None
         asked.append((mission, options))
         on_progress(Progress("trading", 12.345, 1, 5))
         return make_deployment(seed=mission.seed, certificate=PROVED)

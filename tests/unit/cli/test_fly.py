@@ -67,6 +67,7 @@ def test_a_mission_is_flown_certified_and_not_overwritten(folder: Path) -> None:
         "flight.npz",
         "flight.pdf",
         "flight.png",
+        "record.mcap",
         "result.json",
     }
 
@@ -101,7 +102,9 @@ def test_an_exercise_that_misses_its_goal_says_so(folder: Path) -> None:
     [
         ("x_m: 1,", "x_m: -0.5,", "agents: expected vehicles that start at least 0.96 m apart"),
         ("seed: 3", "flight: {vehicle: iriss}", "mission.yaml:4:10: flight.vehicle: expected 'crazyflie' or 'iris'"),
-        ("seed: 3", "flight: {ceiling_m: 1}", "flight.ceiling_m: expected room for 2 layers"),
+        ("seed: 3", "flight: {ceiling_m: 1}", "flight.ceiling_m: expected at least altitude_m, 1.5 m, got 1"),
+        ("seed: 3", "flight: {ceiling_m: 2, layers: 2}", "flight.ceiling_m: expected room for 2 layers up to 3.9 m"),
+        ("seed: 3", "flight: {layers: 0}", "flight.layers: expected"),
     ],
 )
 def test_a_mission_that_cannot_be_flown(old: str, new: str, says: str, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from tests.conformance.models import Spotlight
 from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
 from covey.optimize import Exact, PairProblem, PairSearch, PoseProblem
+from covey.optimize.ascent import objective
+from covey.optimize.packing import landmark_columns
 from covey.sensing import Anisotropic, Isotropic, Oriented, VisibilityModel
 
 MODELS: list[tuple[VisibilityModel, VisibilityModel]] = [
@@ -81,3 +84,75 @@ def test_neither_partner_has_a_better_answer_to_the_other() -> None:
     assert min(gains) >= -1e-9
     assert np.median(gains) < 1e-6
     assert max(gains) < 0.02
+
+
+@pytest.mark.parametrize("models", MODELS, ids=repr)
+def test_two_that_must_keep_apart_do_and_still_never_lose(
+    models: tuple[VisibilityModel, VisibilityModel], seeds: Callable[[int, int], range]
+) -> None:
+    for seed in seeds(4, 60):
+        for spacing in (0.5, 1.5):
+            pair = replace(problem(models, seed, 25), spacing=spacing)
+            if not pair.apart(pair.poses):
+                continue
+            poses, score = PairSearch().maximize(pair, rng=np.random.default_rng(seed))
+            assert np.hypot(poses[0].x - poses[1].x, poses[0].y - poses[1].y) >= spacing
+            assert score == pair.score(poses)
+            assert score >= pair.score(pair.poses)
+            for pose, region in zip(poses, pair.regions, strict=True):
+                assert region.contains(pose.x, pose.y)
+
+
+def test_keeping_apart_costs_what_it_must_and_no_more() -> None:
+    """Two landmarks beside a corridor, against all pairs of places far enough apart that look at one each."""
+    landmarks = Landmarks(np.array([[-1.2, 0.0], [1.2, 0.0]]))
+    region = Region.box(-3, 3, 0.6, 1.4)
+    free = PairProblem((Anisotropic(),) * 2, (region,) * 2, (Pose2(-2.9, 1, 0), Pose2(2.9, 1, 0)), landmarks)
+    assert PairSearch().maximize(free, rng=np.random.default_rng(0))[1] == pytest.approx(2.0, abs=1e-6)
+    tight = replace(free, spacing=5.0)
+    _, score = PairSearch().maximize(tight, rng=np.random.default_rng(0))
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-3, 3, 121), np.linspace(0.6, 1.4, 17)))
+    left, right = (np.hypot(x - side, y) for side in (-1.2, 1.2))
+    apart = np.hypot(x[:, None] - x, y[:, None] - y) >= 5.0
+    sums = np.minimum(left, 1.0 / left)[:, None] + np.minimum(right, 1.0 / right)
+    best = sums[apart].max()
+    assert best < 1.8
+    assert best - 1e-3 <= score <= best + 0.05
+
+
+def test_agents_that_are_alike_take_the_nearer_of_the_two_poses() -> None:
+    landmarks = Landmarks(np.array([[-2.0, 0.0], [2.0, 0.0]]))
+    box = Region.box(-4, 4, -4, 4)
+    for side in (-1.0, 1.0):
+        start = (Pose2(side * 3.9, -3.9, 0.0), Pose2(-side * 3.9, -3.9, 0.0))
+        pair = PairProblem((Anisotropic(), Anisotropic()), (box, box), start, landmarks, spacing=1.0)
+        poses, score = PairSearch().maximize(pair, rng=np.random.default_rng(0))
+        assert score == pytest.approx(2.0, abs=1e-6)
+        crossed = [np.hypot(p.x - q.x, p.y - q.y) for p, q in zip(poses[::-1], start, strict=True)]
+        straight = [np.hypot(p.x - q.x, p.y - q.y) for p, q in zip(poses, start, strict=True)]
+        assert sum(straight) <= sum(crossed)
+
+
+def test_the_gradient_of_two_that_are_pushed_apart_is_that_of_differences() -> None:
+    rng = np.random.default_rng(2)
+    columns = landmark_columns(Landmarks(rng.uniform(-2, 2, (30, 2)), rng.uniform(0.5, 2, 30)))
+    edges = Region.box(-9, 9, -9, 9).inset_edges
+    kinds = np.array([int(Anisotropic().kernel), int(Isotropic().kernel)])
+    offsets, spacing = np.array([0, len(edges), 2 * len(edges)]), 1.2
+    for _ in range(50):
+        scales = rng.uniform(0.5, 2.0, 2)
+        middle, turn, away = rng.uniform(-2, 2, 2), rng.uniform(-3, 3), rng.uniform(0.3, 1.1)
+        half = 0.5 * away * np.array([np.cos(turn), np.sin(turn)])
+        x = np.array([*(middle - half) / scales[0], 0.3, *(middle + half) / scales[1], -1.0])
+
+        def value(x: np.ndarray, gradient: np.ndarray, scales: np.ndarray = scales) -> float:
+            room = np.empty((2, 5)), np.empty((2, 4, 30)), np.empty(30, dtype=np.int64)
+            edges_of_both = np.vstack([edges, edges])
+            return objective(kinds, scales, columns, edges_of_both, offsets, spacing, x, gradient, *room)
+
+        gradient, step = np.empty(6), 1e-6
+        value(x, gradient)
+        for j in range(6):
+            nudge = step * np.eye(6)[j]
+            slope = (value(x + nudge, np.empty(6)) - value(x - nudge, np.empty(6))) / (2.0 * step)
+            assert gradient[j] == pytest.approx(slope, rel=1e-4, abs=1e-4)

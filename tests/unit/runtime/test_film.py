@@ -173,6 +173,20 @@ def test_without_mission_and_with_obstacle() -> None:
     assert np.count_nonzero((plain != with_box).any(axis=2)) > 500
 
 
+def test_an_obstacle_is_shown_from_when_it_appears() -> None:
+    log = flight(2, duration=12.0, scored=False, objects=1)
+    times = film.film_times(log, 4.0, 5)
+    options: dict[str, Any] = {"mission": None, "moments": (), "dpi": 50.0, "speed": 4.0, "scene": None}
+    there, later = Box((-1.0, -1.0, 0.0), (0.0, 1.0, 3.0)), Box((0.5, -1.0, 0.0), (1.5, 1.0, 3.0))
+    both = FilmFrames(log, times, **options, obstacles=[there, later])
+    frames = FilmFrames(log, times, **options, obstacles=[there, later], appeared=[0.0, float(times[4])])
+    for _ in range(2):
+        same = [np.array_equal(frames.picture(k), both.picture(k)) for k in range(8)]
+        assert same == [False] * 4 + [True] * 4
+        frames.rewind()
+        both.rewind()
+
+
 @pytest.mark.parametrize(
     "change", [{"side": 60, "spacing": 0.2}, {"spacing": None}, {"own_region": True, "agents": 40}]
 )
@@ -276,6 +290,7 @@ def test_bad_input(flown: Flown, tmp_path: Path) -> None:
         ({"speed": 0.0}, "speed: expected a number above 0, got 0.0"),
         ({"speed": float("nan")}, "speed: expected a number above 0, got nan"),
         ({"log": flight(2, duration=12.0)}, "mission: expected 2 agents, as in the log, got 3"),
+        ({"obstacles": [Box((0, 0, 0), (1, 1, 1))], "appeared": [0.0, 1.0]}, "appeared: expected one time an obstacle"),
         ({"snapshots": few}, r"snapshots: expected an owner for each of 400 landmarks, got \(399,\)"),
         ({"snapshots": strange}, "snapshots: expected owners from -1 to 2"),
     ):

@@ -16,11 +16,13 @@ import pytest
 from covey.errors import InputError
 from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.certify import certify
+from covey.runtime.feed import Motion, ObstacleAppeared
 from covey.runtime.fly import Flight, fly
 from covey.runtime.plan import plan
 from covey.runtime.record import read_result, result_text
 from covey.runtime.result import PlanStatus, Progress
 from covey.runtime.sortie_record import write_flight
+from covey.runtime.steering import AddObstacle, Command, Kill, Steering
 from covey.vehicles.flight_log import FlightLog
 
 SCENE: dict[str, Any] = {
@@ -238,3 +240,35 @@ def test_the_examples_can_be_flown(root: Path) -> None:
         starts = np.array([[agent.pose.x, agent.pose.y] for agent in mission.agents])
         away = np.linalg.norm(starts[:, None] - starts[None], axis=2) + 9.0 * np.eye(len(starts))
         assert away.min() >= mission.flight.start_spacing > 0.9
+
+
+def test_a_visitor_lets_a_vehicle_fail_and_puts_an_obstacle_in_the_way() -> None:
+    told: list[Any] = []
+    refused: list[str] = []
+    steering = Steering()
+
+    def watch(item: Any) -> None:
+        told.append(item)
+        if isinstance(item, Motion) and len(asks) and item.time >= asks[0][0]:
+            steering.ask(asks.pop(0)[1], refused.append)
+
+    asks: list[tuple[float, Command]] = [
+        (4.0, AddObstacle(0.0, -1.0, 0.5, 3.0)),
+        (4.2, AddObstacle(0.0, 3.0, 0.5, 3.0)),
+        (4.4, AddObstacle(0.0, -1.0, 5000.0, 3.0)),
+        (5.0, Kill(1)),
+        (5.5, Kill(1)),
+        (5.6, Kill(7)),
+    ]
+    flight = fly(scene(), vehicles="reference", watch=watch, steering=steering)
+    assert steering.commands == ("pause", "resume", "step", "speed", "kill", "obstacle")
+    assert sum(isinstance(item, ObstacleAppeared) for item in told) == 1
+    assert len(flight.obstacles) == 1
+    report = flight.deployment.flight
+    assert report is not None
+    assert report.lost == ("red",)
+    assert len(refused) == 4
+    assert sum("between its centre and each vehicle" in text for text in refused) == 2
+    assert sum("still flies" in text for text in refused) == 2
+    assert flight.deployment.certificate is not None
+    assert flight.deployment.certificate.holds

@@ -153,6 +153,19 @@ class TestPictures:
         trails = camera.picture(away, DOWN, objects_W=np.array([[30.0, 0.0, 1.0]]), trails_W=trail)
         assert (np.abs(trails.astype(int) - plain).max(axis=2) > 20).sum() > 50
 
+    def test_an_obstacle_that_is_not_there_yet_is_not_seen(self, camera: SceneCamera) -> None:
+        away = states((30.0, 0.0, 0.5), (30.0, 1.0, 0.5))
+        everything = camera.picture(away, DOWN).astype(int)
+        scale = 120.0 / np.tan(FOV / 2.0) / 12.0
+        places = [(3.5, 2.5), (-3.0, 2.0), (3.6, -2.6)]
+        for k, (x, y) in enumerate(places):
+            seen = np.abs(camera.picture(away, DOWN, hidden={k}).astype(int) - everything).max(axis=2) > 20
+            rows, columns = np.nonzero(seen)
+            assert len(rows) > 20
+            assert abs(np.median(rows) - (120.0 - y * scale)) < 15
+            assert abs(np.median(columns) - (160.0 + x * scale)) < 15
+        assert np.array_equal(camera.picture(away, DOWN), everything)
+
     def test_what_does_not_fit_is_refused(self, camera: SceneCamera) -> None:
         fine = states((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))
         with pytest.raises(ArgumentError, match=r"state: expected shape \(2, 13 or more\)"):
