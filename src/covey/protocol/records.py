@@ -281,5 +281,5 @@ def difference(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[n
 
 
 def _newer(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
-    newer: NDArray[np.bool_] = np.sign(a - b) @ _SIGNIFICANCE > 0
+    newer: NDArray[np.bool_] = (a > b) @ _SIGNIFICANCE > (a < b) @ _SIGNIFICANCE
     return newer
