@@ -127,7 +127,8 @@ def _bound_arcs(
     if kind == ISOTROPIC:
         linear_bounds(kind, columns, box[0], box[1], box[2], box[3], vertices, lines)
         corners = _corner_sums(lines, 0.0, 0.0, 1.0)
-        bounds[:] = max(max(corners[0], corners[1]), max(corners[2], corners[3]))
+        for arc in range(int(box[ARCS])):
+            bounds[arc] = max(max(corners[0], corners[1]), max(corners[2], corners[3]))
         return
     width = box[HALF_ARC]
     turn = 2.0 if kind == ORIENTED else 1.0
@@ -182,15 +183,15 @@ def _drop_arcs(box: NDArray[np.float64], bounds: NDArray[np.float64], target: fl
 @kernel
 def _cut(kind: int, box: NDArray[np.float64], children: NDArray[np.float64]) -> int:
     """Fill what a box is cut into, by position or by heading as CUT says, shape (2, BOX), and return how many."""
-    children[0] = box
-    children[1] = box
+    for j in range(BOX):
+        children[0, j] = children[1, j] = box[j]
     arcs = box[ARCS]
     if kind == ISOTROPIC or box[HALF_ARC] <= CUT * max(box[2], box[3]):
         axis = 0 if box[2] >= box[3] else 1
         half = 0.5 * box[2 + axis]
         children[0, axis] -= half
         children[1, axis] += half
-        children[:, 2 + axis] = half
+        children[0, 2 + axis] = children[1, 2 + axis] = half
         return 2
     if 2.0 * arcs > MOST_ARCS:
         half = arcs // 2
@@ -279,19 +280,19 @@ def _branch(
                 x, y, _, _ = nearest_on_edges(inset, x, y)
             value = pose_value(kind, columns, 1.0, x, y, math.cos(heading), math.sin(heading))
             if value > best[0]:
-                pose[:] = (x, y, heading)
+                pose[0], pose[1], pose[2] = x, y, heading
                 begin(kind, columns, 1.0, inset, pose, STRIDE, state)
                 climb(kind, columns, 1.0, inset, state, POLISH, PRECISION)
                 value = settle(1.0, inset, state, pose)
                 if value > best[0]:
                     best[0] = value
-                    best[1:] = pose
-            stack[top] = box
+                    best[1], best[2], best[3] = pose[0], pose[1], pose[2]
+            for j in range(BOX):
+                stack[top, j] = box[j]
             top += 1
         if top == first + 2 and stack[first, BOUND] > stack[first + 1, BOUND]:
-            children[0] = stack[first]
-            stack[first] = stack[first + 1]
-            stack[first + 1] = children[0]
+            for j in range(BOX):
+                stack[first, j], stack[first + 1, j] = stack[first + 1, j], stack[first, j]
     return top, closed, evaluations
 
 

@@ -64,11 +64,10 @@ def _value(
 ) -> tuple[float, float, float, float]:
     """Objective and gradient: that of the nearest point of the region, less the way to it, optimal distances."""
     px, py = x * unit, y * unit
-    c, s = math.cos(yaw), math.sin(yaw)
-    if contains_point(edges, px, py):
-        return gain_gradient(kind, columns, 1.0 / unit, px, py, c, s)
-    qx, qy, _, within = nearest_on_edges(edges, px, py)
-    value, gx, gy, gt = gain_gradient(kind, columns, 1.0 / unit, qx, qy, c, s)
+    qx, qy, within = px, py, True
+    if not contains_point(edges, px, py):
+        qx, qy, _, within = nearest_on_edges(edges, px, py)
+    value, gx, gy, gt = gain_gradient(kind, columns, 1.0 / unit, qx, qy, math.cos(yaw), math.sin(yaw))
     away = math.hypot(px - qx, py - qy)
     if away > 0.0:
         ex, ey = (px - qx) / away, (py - qy) / away
@@ -104,6 +103,26 @@ def _updated(h: _Matrix, sx: float, sy: float, st: float, yx: float, yy: float, 
 
 
 @kernel
+def _store(
+    state: NDArray[np.float64],
+    value: float,
+    x: float,
+    y: float,
+    yaw: float,
+    gx: float,
+    gy: float,
+    gt: float,
+    h: _Matrix,
+    fresh: bool,
+) -> None:
+    # number by number: assigning slices takes numba ten times as long to compile
+    state[0], state[1], state[2], state[3] = value, x, y, yaw
+    state[4], state[5], state[6] = gx, gy, gt
+    state[7], state[8], state[9], state[10], state[11], state[12] = h
+    state[13] = 1.0 if fresh else 0.0
+
+
+@kernel
 def begin(
     kind: int,
     columns: NDArray[np.float64],
@@ -117,7 +136,7 @@ def begin(
     x, y, yaw = pose[0] / unit, pose[1] / unit, pose[2]
     value, gx, gy, gt = _value(kind, columns, unit, edges, x, y, yaw)
     h = stride / max(math.sqrt(gx * gx + gy * gy + gt * gt), 1e-12)
-    state[:] = (value, x, y, yaw, gx, gy, gt, h, 0.0, 0.0, h, 0.0, h, 1.0)
+    _store(state, value, x, y, yaw, gx, gy, gt, _multiple(h), True)
 
 
 @kernel
@@ -197,9 +216,7 @@ def climb(
                 break
             last = f
             since = 0
-    state[:7] = (f, x, y, t, gx, gy, gt)
-    state[7:13] = h
-    state[13] = 1.0 if fresh else 0.0
+    _store(state, f, x, y, t, gx, gy, gt, h, fresh)
     return evaluations
 
 
@@ -216,10 +233,23 @@ def settle(unit: float, edges: NDArray[np.float64], state: NDArray[np.float64], 
 
 
 @kernel
+def _keep(
+    unit: float, edges: NDArray[np.float64], state: NDArray[np.float64], value: float, best: NDArray[np.float64]
+) -> float:
+    """Overwrite the best pose with where a climb is if that is better than `value`; return the higher value."""
+    pose = np.empty(3)
+    found = settle(unit, edges, state, pose)
+    if found <= value:
+        return value
+    for j in range(3):
+        best[j] = pose[j]
+    return found
+
+
+@kernel
 def _select(states: NDArray[np.float64], count: int, keep: int) -> int:
     """Move the best of the first `count` climbs, of several at one place one, to the front: how many, at most keep."""
     kept = 0
-    spare = np.empty(STATE)
     while kept < keep:
         top = kept
         for i in range(kept + 1, count):
@@ -236,9 +266,8 @@ def _select(states: NDArray[np.float64], count: int, keep: int) -> int:
         if known:
             states[top, VALUE] = -math.inf
             continue
-        spare[:] = states[kept]
-        states[kept] = states[top]
-        states[top] = spare
+        for j in range(STATE):
+            states[kept, j], states[top, j] = states[top, j], states[kept, j]
         kept += 1
     return kept
 
@@ -252,20 +281,17 @@ def _compete(
     states: NDArray[np.float64],
     rounds: NDArray[np.int64],
     precision: float,
-) -> tuple[int, int]:
-    """Go on with climbs, fewer with each round, the last ones to the end: (index of the best, evaluations)."""
+) -> int:
+    """Go on with climbs, fewer with each round, the last ones to the end, and put the best first: evaluations."""
     left = states.shape[0]
     total = 0
-    for j in range(rounds.shape[0]):
+    for j in range(rounds.shape[0] + 1):
+        last = j == rounds.shape[0]
+        budget = POLISH if last else rounds[j, 0]
         for i in range(left):
-            total += climb(kind, columns, unit, edges, states[i], rounds[j, 0], 1e-3 * precision)
-        left = _select(states, left, rounds[j, 1])
-    top = 0
-    for i in range(left):
-        total += climb(kind, columns, unit, edges, states[i], POLISH, COARSE * precision)
-        if states[i, VALUE] > states[top, VALUE]:
-            top = i
-    return top, total
+            total += climb(kind, columns, unit, edges, states[i], budget, (COARSE if last else 1e-3) * precision)
+        left = _select(states, left, 1 if last else rounds[j, 1])
+    return total
 
 
 @kernel
@@ -293,28 +319,27 @@ def summit(
         Is overwritten with the best pose.
     """
     count = starts.shape[0]
-    states = np.empty((count, STATE))
-    for i in range(count):
-        begin(kind, columns, unit, edges, starts[i], STRIDE, states[i])
-    top, evaluations = _compete(kind, columns, unit, edges, states, rounds, precision)
-    for i in range(count):
-        settle(unit, edges, states[i], starts[i])
-    value = settle(unit, edges, states[top], best)
-    # summits lie in groups
+    states = np.empty((max(count, NEIGHBOURS), STATE))
     beside = np.empty(3)
-    around = np.empty((NEIGHBOURS, STATE))
-    for i in range(NEIGHBOURS):
-        angle = 2.0 * math.pi * i / NEIGHBOURS
-        far = unit * (NEAR if i % 2 else FAR)
-        beside[:] = (best[0] + far * math.cos(angle), best[1] + far * math.sin(angle), best[2])
-        begin(kind, columns, unit, edges, beside, STRIDE, around[i])
-    top, more = _compete(kind, columns, unit, edges, around, NEARBY, precision)
-    evaluations += count + NEIGHBOURS + more
-    state = around[top]
-    higher = settle(unit, edges, state, beside)
-    if higher > value:
-        value = higher
-        best[:] = beside
+    value = -math.inf
+    evaluations = 0
+    # summits lie in groups, so after the starts come places around the best that was found
+    for around in (False, True):
+        places = NEIGHBOURS if around else count
+        for i in range(places):
+            if around:
+                angle = 2.0 * math.pi * i / NEIGHBOURS
+                far = unit * (NEAR if i % 2 else FAR)
+                beside[0], beside[1] = best[0] + far * math.cos(angle), best[1] + far * math.sin(angle)
+                beside[2] = best[2]
+            begin(kind, columns, unit, edges, beside if around else starts[i], STRIDE, states[i])
+        evaluations += places + _compete(
+            kind, columns, unit, edges, states[:places], NEARBY if around else rounds, precision
+        )
+        if not around:
+            for i in range(count):
+                settle(unit, edges, states[i], starts[i])
+        value = _keep(unit, edges, states[0], value, best)
     # a climb may end on a ridge of kinks a little below the summit; it finds the rest from a hair's breadth beside,
     # each time from nearer and to a finer precision
     far = SHAKE
@@ -322,11 +347,9 @@ def summit(
         for j in range(3):
             shake = far * math.cos(2.4 * (attempt + 1) * (j + 1))
             beside[j] = best[j] + (shake * unit if j < 2 else shake)
-        begin(kind, columns, unit, edges, beside, far, state)
+        begin(kind, columns, unit, edges, beside, far, states[0])
         far *= CALM
-        evaluations += 1 + climb(kind, columns, unit, edges, state, POLISH, max(1.0, COARSE * far / SHAKE) * precision)
-        higher = settle(unit, edges, state, beside)
-        if higher > value:
-            value = higher
-            best[:] = beside
+        finer = max(1.0, COARSE * far / SHAKE) * precision
+        evaluations += 1 + climb(kind, columns, unit, edges, states[0], POLISH, finer)
+        value = _keep(unit, edges, states[0], value, best)
     return value, evaluations

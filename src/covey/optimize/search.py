@@ -107,7 +107,9 @@ def spread(poses: NDArray[np.float64], values: NDArray[np.float64], unit: float,
 @kernel
 def _spread(poses: NDArray[np.float64], values: NDArray[np.float64], inverse: float, chosen: NDArray[np.int64]) -> int:
     size = values.shape[0]
-    heap = np.arange(size)
+    heap = np.empty(size, dtype=np.int64)
+    for i in range(size):
+        heap[i] = i
     for i in range(size // 2 - 1, -1, -1):
         _sink(heap, values, i, size)
     found = 0
@@ -160,10 +162,11 @@ def _score_turned(
 ) -> None:
     """Fill what each pose is worth when it turns to what it sees, at least, and the tangent of that turn."""
     x0, y0 = columns[0, 0], columns[1, 0]  # single precision reaches far enough from here, not from any origin
-    near = columns.copy()
-    near[0] -= x0
-    near[1] -= y0
-    landmarks = near.astype(np.float32)
+    landmarks = np.empty(columns.shape, dtype=np.float32)
+    for k in range(columns.shape[1]):
+        landmarks[0, k], landmarks[1, k] = columns[0, k] - x0, columns[1, k] - y0
+        for row in range(2, columns.shape[0]):
+            landmarks[row, k] = columns[row, k]
     inverse = np.float32(1.0 / unit)
     for i in range(poses.shape[0]):
         c, s = np.float32(math.cos(poses[i, 2])), np.float32(math.sin(poses[i, 2]))
@@ -200,13 +203,14 @@ def _search(
     found = _spread(poses, values, 1.0 / unit, chosen)
     starts = np.empty((found + start.shape[0], 3))
     for i in range(found):
-        starts[i] = poses[chosen[i]]
-        starts[i, 2] += math.atan(turns[chosen[i]])
-    starts[found:] = start
+        starts[i, 0], starts[i, 1] = poses[chosen[i], 0], poses[chosen[i], 1]
+        starts[i, 2] = poses[chosen[i], 2] + math.atan(turns[chosen[i]])
     known = -math.inf
-    for pose in start:
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        known = max(known, pose_value(kind, columns, 1.0 / unit, pose[0], pose[1], c, s))
+    for i in range(start.shape[0]):
+        for j in range(3):
+            starts[found + i, j] = start[i, j]
+        c, s = math.cos(start[i, 2]), math.sin(start[i, 2])
+        known = max(known, pose_value(kind, columns, 1.0 / unit, start[i, 0], start[i, 1], c, s))
     value, evaluations = summit(kind, columns, unit, edges, starts, rounds, PRECISION, best)
     return value, known, evaluations + poses.shape[0]
 
