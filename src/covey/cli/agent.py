@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from covey.cli.arguments import named_path
 from covey.cli.interrupt import INTERRUPTED
-from covey.cli.paths import named_path
 
 UNSETTLED = 1
 """Exit code of an agent that left before the mission was over."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from covey.cli.paths import named_path
+from covey.cli.arguments import named_path
 
 FORMATS = ("pdf", "png", "svg")
 

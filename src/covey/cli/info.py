@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from covey.cli.paths import named_path
+from covey.cli.arguments import named_path
 
 if TYPE_CHECKING:
     from covey.runtime.mcap_reader import Record

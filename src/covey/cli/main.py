@@ -27,6 +27,9 @@ from covey.cli.schema import schema
 from covey.cli.validate import validate
 from covey.errors import CoveyError, MissionError
 
+UNHEARD = 141
+"""Exit code when the output is a pipe that was closed, as `head` does: what shells say of SIGPIPE."""
+
 app = typer.Typer(
     name="covey",
     help="Place a team of cameras so that a set of landmarks is seen as well as possible, and prove how well.",
@@ -83,7 +86,8 @@ def main(arguments: list[str] | None = None) -> None:
     ------
     SystemExit
         Always: 0 for success, 1 for a deployment that violates its certificate or a protocol that violates an
-        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 130 for Ctrl-C.
+        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 4 for a flight that failed or an agent that
+        was started again elsewhere, 130 for Ctrl-C, 141 if nobody reads the output any more.
     """
     before = signal.signal(signal.SIGINT, leave_at_once)
     try:
@@ -96,6 +100,8 @@ def main(arguments: list[str] | None = None) -> None:
         typer.echo(f"covey: {what}{error.strerror if what else error}", err=True)
         _leave(CoveyError.exit_code)
     except SystemExit as leaving:
+        if isinstance(leaving.__context__, BrokenPipeError):  # typer leaves with 1, which means something else here
+            _leave(UNHEARD)
         _leave(leaving.code if isinstance(leaving.code, int) else 0)
     finally:
         signal.signal(signal.SIGINT, before)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import INTERRUPTED, Interruption
-from covey.cli.paths import named_path
 from covey.cli.view import Host, Open, Port, Speed, View, live
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def plan(
     mission: Annotated[
         Path, typer.Argument(parser=named_path, metavar="MISSION", help="Mission file: YAML, TOML or JSON.")
     ],
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness, instead of the mission's.")] = None,
+    seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -50,7 +50,7 @@ def plan(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the content of result.json, nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in DIR, all its files.")] = False,
     view: View = False,
     port: Port = 0,
     host: Host = "127.0.0.1",

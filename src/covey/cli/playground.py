@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.paths import named_path
 from covey.cli.view import Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def playground(
     mission: Annotated[
         Path, typer.Argument(parser=named_path, metavar="MISSION", help="Mission file: YAML, TOML or JSON.")
     ],
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness, instead of the mission's.")] = None,
+    seed: Seed = None,
     connect: Annotated[
         list[str] | None,
         typer.Option(metavar="ENDPOINT", help="Watch a team on the network: where an agent of it listens."),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from covey.cli.arguments import named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.paths import named_path
 from covey.cli.view import Host, Open, Port, serve_page, wait_until
 
 if TYPE_CHECKING:

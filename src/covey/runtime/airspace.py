@@ -14,7 +14,7 @@ from covey.geometry import Pose2, Region
 from covey.geometry.region import INSET
 from covey.mission import Mission
 from covey.mission.flight import Separation
-from covey.mission.flight_build import CLOSE, ROOM_HINT, crowded
+from covey.mission.flight_build import CLOSE, ROOM_HINT, START_HINT, bad_starts, crowded
 
 if TYPE_CHECKING:
     import shapely
@@ -81,6 +81,20 @@ def check_clear_starts(mission: Mission) -> None:
         close = separation.too_close([agent.pose for agent in mission.agents], separation.clear - CLOSE)
         if close:
             raise InputError(f"{mission.path or mission.name}: flight: {crowded(mission, close)}; {ROOM_HINT}")
+
+
+def check_starts(mission: Mission) -> None:
+    """Check that the vehicles of a mission can take off where their agents start.
+
+    Raises
+    ------
+    InputError
+        With every one that cannot.
+    """
+    found = [message for _, message in bad_starts(mission)]
+    if found:
+        shown = "; ".join(found[:10]) + (f"; and {len(found) - 10} more" if len(found) > 10 else "")
+        raise InputError(f"{mission.path or mission.name}: agents: {shown}; {START_HINT}")
 
 
 class Airspace:
@@ -160,6 +174,26 @@ def clear_region(
     """
     cuts = [shape for obstacle in obstacles if (shape := _cut(obstacle, altitude, clearance)) is not None]
     return _without(region, cuts, near)
+
+
+def passable(region: Region, width: float, *, near: Pose2) -> Region:
+    """Return the part of a region that a vehicle gets to through gaps of a width, metres, from where it is.
+
+    Examples
+    --------
+    >>> hole = [[-0.1, -3.99], [0.1, -3.99], [0.1, 3.99], [-0.1, 3.99]]
+    >>> west = passable(Region.polygon([[-4, -4], [4, -4], [4, 4], [-4, 4]], [hole]), 0.2, near=Pose2(-2, 0, 0))
+    >>> west.contains(-3.99, -3.99), west.contains(3.0, 0.0)
+    (True, False)
+    """
+    import shapely
+
+    parts = shapely.get_parts(region.shape.buffer(-0.5 * width, join_style="mitre"))
+    if len(parts) < 2:
+        return region
+    here = shapely.Point(near.x, near.y)
+    mine = min(parts, key=lambda shape: shape.distance(here)).buffer(0.5 * width, join_style="mitre")
+    return _without(region, [region.shape.difference(mine)], near) or region
 
 
 def without_disc(region: Region, x: float, y: float, radius: float, *, near: Pose2) -> Region | None:

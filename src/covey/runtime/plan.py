@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -292,3 +293,26 @@ def software_versions() -> dict[str, str]:
 
     versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}
     return {"covey": covey.__version__, "python": platform.python_version(), **versions, "platform": platform.machine()}
+
+
+def separation_cost(mission: Mission, final: float | None) -> float:
+    """Return what keeping apart costs in score: that of the plan if nobody had to, less that of the plan as it is.
+
+    Parameters
+    ----------
+    mission : Mission
+    final : float or None
+        The score of the plan as it is; None to plan it.
+
+    Returns
+    -------
+    float
+        0 where nobody shares a layer, NaN after Ctrl-C.
+    """
+    if mission.separation is None:
+        return 0.0
+    free = plan(replace(mission, separation=None))
+    if final is None:  # what was flown is not what was planned
+        apart = plan(mission)
+        final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
+    return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan

@@ -210,6 +210,7 @@ def test_errors_are_one_message(error: CoveyError, code: int, run: Run, monkeypa
         ["plan", "."],
         ["plan", "bad.yaml"],
         ["plan", "mission.yaml", "--seed", "-1"],
+        ["plan", "mission.yaml", "--seed", "x"],
         ["plan", "mission.yaml", "--trade", "barter"],
         ["plan", "mission.yaml", "--out", "mission.yaml"],
         ["plan", "mission.yaml", "--out", "mission.yaml/r"],
@@ -391,6 +392,7 @@ def test_a_broken_pipe_is_quiet() -> None:
             [sys.executable, "-m", "covey", "schema"], stdout=pipe, stderr=subprocess.PIPE, text=True, check=False
         )
     assert ended.stderr == ""
+    assert ended.returncode == 141
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -466,3 +468,10 @@ def test_progress_on_a_terminal_and_elsewhere(monkeypatch: pytest.MonkeyPatch) -
     with ProgressLine(quiet=True, stream=quiet) as line:
         line(Progress("trading", 1.0))
     assert quiet.getvalue() == ""
+
+
+def test_a_seed_that_is_none_is_told_in_our_words() -> None:
+    ended = covey("plan", "mission.yaml", "--seed", "x")
+    assert ended.returncode == 2
+    assert "expected a whole number from 0" in ended.stderr
+    assert "parse" not in ended.stderr

@@ -274,7 +274,7 @@ def test_a_cost_that_was_interrupted_is_not_stated(monkeypatch: pytest.MonkeyPat
     def interrupted(mission: Mission) -> Deployment:
         return PlanRun(mission, None).interrupted()
 
-    monkeypatch.setattr("covey.runtime.fly.plan", interrupted)
+    monkeypatch.setattr("covey.runtime.plan.plan", interrupted)
     deployment = fly(crowded(), vehicles="kinematic").deployment
     assert deployment.flight is not None
     assert math.isnan(deployment.flight.separation_cost)
