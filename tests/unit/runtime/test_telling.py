@@ -135,7 +135,8 @@ def test_landmarks_are_offered_from_the_offer_to_the_end_of_the_trade(
     assert offered >= traded > 0
 
 
-def test_a_plan_that_is_interrupted_tells_so() -> None:
+def test_a_plan_that_is_interrupted_tells_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("covey.runtime.plan.REPORT_EVERY", 0.0)  # else it may settle before the first report
     items: list[Scene | Update] = []
 
     def stop(news: Progress) -> None:
