@@ -86,8 +86,8 @@ def main(arguments: list[str] | None = None) -> None:
     ------
     SystemExit
         Always: 0 for success, 1 for a deployment that violates its certificate or a protocol that violates an
-        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 4 for a flight that failed, 130 for Ctrl-C,
-        141 if nobody reads the output any more.
+        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 4 for a flight that failed or an agent that
+        was started again elsewhere, 130 for Ctrl-C, 141 if nobody reads the output any more.
     """
     before = signal.signal(signal.SIGINT, leave_at_once)
     try:

@@ -23,6 +23,7 @@ from covey.protocol import (
     TradeCommitted,
     WaypointAbandoned,
 )
+from covey.protocol.records import FIRST_GENERATION, GENERATION
 from covey.runtime.agent import build_models
 from covey.runtime.result import AgentResult, HistoryEntry, Scores, Snapshot
 from covey.sensing import VisibilityModel, build_model
@@ -58,6 +59,7 @@ class ObservedTeam:
         self.models = build_models(mission)
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = owner.copy()
+        self._generation = np.zeros(len(owner), dtype=np.int64)
         self.trades = 0
         self.optimizations = 0
         self._buried: set[int] = set()
@@ -84,11 +86,16 @@ class ObservedTeam:
                 before = self.owner.copy()
                 self.owner[event.client_landmarks] = event.client
                 self.owner[event.server_landmarks] = event.server
+                for landmarks in (event.client_landmarks, event.server_landmarks):
+                    self._generation[landmarks] = np.maximum(self._generation[landmarks], FIRST_GENERATION)
                 self.trades += 1
                 self._log("trade", event.client, event.server, before=before, gain=event.after - event.before)
             case LandmarksAdopted():
                 before = self.owner.copy()
-                self.owner[event.records.indices] = event.agent
+                indices, generation = event.records.indices, event.records.values[:, GENERATION]
+                newer = generation > self._generation[indices]  # else a trade of what was adopted came first
+                self._generation[indices[newer]] = generation[newer]
+                self.owner[indices[newer]] = event.agent
                 if (self.owner != before).any():
                     self._log("adoption", event.agent, before=before)
             case AgentBuried() if event.dead not in self._buried:

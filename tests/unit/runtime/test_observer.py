@@ -224,6 +224,20 @@ def test_events_change_the_view(mission: Mission) -> None:
     assert (view.trades, view.optimizations) == (1, 2)
 
 
+def test_a_first_adoption_that_was_overtaken_by_a_trade_takes_nothing_back(mission: Mission) -> None:
+    view = view_of(mission)
+    everything = np.arange(len(mission.landmarks))
+    poses = (Pose2(0.5, 0.5, 0.3), Pose2(-0.5, 0.2, 1.0))
+    view.take(TradeCommitted(TradeId(0, 1, 1), 0, 1, *poses, everything[::2], everything[1::2], 5, 1.0, 1.25))
+    owner, history = view.owner.copy(), list(view.history)
+    first = LandmarkRecords.unknown(len(everything)).slice(everything).adopted_by(2, 1)
+    view.take(LandmarksAdopted(2, first))
+    assert np.array_equal(view.owner, owner)
+    assert view.history == history
+    view.take(LandmarksAdopted(2, first.adopted_by(2, 1)))
+    assert (view.owner == 2).all()
+
+
 def test_what_several_report_is_told_once(mission: Mission) -> None:
     view = view_of(mission)
     for agent in (0, 2):
