@@ -40,6 +40,9 @@ from covey.transports.zenoh import ZenohTransport
 LONGEST = 240.0
 """Seconds after which a launch is given up: much longer than it takes."""
 
+LONG_ENOUGH = (Blow(0, 3.0, signal.SIGCONT),)
+"""A signal that does nothing: until it has come, and some seconds more, the mission is not called over."""
+
 UNOWNED = NETWORK_TIMES.dead_after + 2.0
 
 
@@ -190,7 +193,8 @@ def test_a_stranger_changes_nothing_and_is_reported(path: Path) -> None:
             there.append(Stranger(mission, endpoints))
             there[0].start()
 
-        deployment, report = launch(mission, path, LaunchOptions(timeout=LONGEST), on_endpoints=invite)
+        options = LaunchOptions(blows=LONG_ENOUGH, timeout=LONGEST)
+        deployment, report = launch(mission, path, options, on_endpoints=invite)
         assert there[0].replayed > 0
     check(deployment, report)
     check_deployment(deployment)
@@ -226,7 +230,8 @@ def test_with_certificates_a_stranger_is_not_even_let_in(path: Path, tmp_path: P
     mission = load_mission(path)
     authority, forger = Authority(tmp_path), Authority(tmp_path, "forger")
     file = secure(tmp_path, authority, [agent.name for agent in mission.agents])
-    options = LaunchOptions(network=load_network(file, mission), network_file=file, timeout=LONGEST)
+    plan = load_network(file, mission)
+    options = LaunchOptions(network=plan, network_file=file, blows=LONG_ENOUGH, timeout=LONGEST)
     forged = forger.issue("blue", trusted=authority.path)
     with strangers() as there:
 
@@ -342,7 +347,8 @@ def test_agents_started_by_hand_are_watched(path: Path, capsys: pytest.CaptureFi
         arguments = ("--observe", "--connect", second, "--out", str(out), "--timeout", str(LONGEST), "--quiet")
         time.sleep(5.0)
         code, _, err = run(capsys, "launch", str(path), *arguments)
-        assert (code, err) == (0, "")
+        assert code == 0, err
+        assert err == ""
         reports: list[dict[str, Any]] = []
         for process in processes:
             said, _ = process.communicate(timeout=60.0)
@@ -368,6 +374,7 @@ def test_the_command_writes_and_prints_what_planning_does(path: Path, capsys: py
         "deployment.png",
         "deployment.pdf",
         "launch.json",
+        "record.mcap",
     }
     assert read_result(out).seed == 5
     code, _, err = run(capsys, "launch", str(path), "--out", str(out))
