@@ -126,7 +126,7 @@ class NavigationOptions:
             "separation": separation,
             "vertical_ratio": parameters.vertical_ratio,
             "max_acceleration": limits.max_acceleration,
-            "keep_off": parameters.body_radius + 0.5 * parameters.margin,
+            "keep_off": parameters.keep_off,
             "max_yaw_rate": min(1.0, 0.5 * limits.max_yaw_rate),
         }
         given.update(overrides)

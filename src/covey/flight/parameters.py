@@ -189,6 +189,11 @@ class VehicleParameters:
         return 2.0 * self.body_radius + self.margin
 
     @property
+    def keep_off(self) -> float:
+        """Distance from its centre that it keeps from obstacles, m."""
+        return self.body_radius + 0.5 * self.margin
+
+    @property
     def hover_speed(self) -> float:
         """Rotor speed that carries the weight, rad/s.
 

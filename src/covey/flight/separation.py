@@ -16,11 +16,6 @@ ROUNDS = 100
 EXCESS = 1e-3
 """Excess of a cap, m/s, at which projection counts as converged."""
 
-ON_GROUND = 0.3
-"""A vehicle whose centre is lower than this, metres, does not count for the separation in the air: it takes off, lands
-or stands.
-"""
-
 
 def closest_approach(k_rep: float, threshold: float, speed: float) -> float:
     """Scaled distance at which the field alone, without damping, stops two vehicles that close head-on, metres.

@@ -128,11 +128,10 @@ def _obstructed(mission: Mission, vehicle: VehicleParameters, poses_W: NDArray[n
     spec = mission.flight
     if not spec.obstacles:
         return []
-    from covey.flight.navigation_options import NavigationOptions
     from covey.flight.obstacles import pack
     from covey.flight.route import Router
 
-    keep_off = NavigationOptions.for_vehicle(vehicle).keep_off
+    keep_off = vehicle.keep_off
     router = Router(pack(spec.obstacles))
     found = []
     for i, (agent, altitude) in enumerate(zip(mission.agents, spec.altitudes(len(mission.agents)), strict=True)):
@@ -251,12 +250,11 @@ def _faults(section: FlightSection, names: Sequence[str], report: Report) -> lis
 
 def _check_altitude(spec: FlightSpec, report: Report) -> None:
     """Check that vehicles fly higher than what counts as on the ground, and than they need room for."""
-    from covey.flight.navigation_options import NavigationOptions
+    from covey.flight.layout import ON_GROUND
     from covey.flight.parameters import load_vehicle
-    from covey.flight.separation import ON_GROUND
 
     vehicle = load_vehicle(spec.vehicle)
-    least = max(ON_GROUND, NavigationOptions.for_vehicle(vehicle).keep_off)
+    least = max(ON_GROUND, vehicle.keep_off)
     if spec.altitude <= least:
         message = f"expected more than {least:.2f} m for {vehicle.name}, got {spec.altitude:g}"
         report.add(("flight", "altitude_m"), message, "lower vehicles count as on the ground")

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from covey.flight.arrival import arrived, tumbling
 from covey.flight.backstepping import control_all
 from covey.flight.disturbance import DisturbanceEstimate
-from covey.flight.layout import COMMAND, QUAT, SIGNALS, P, V
+from covey.flight.layout import COMMAND, ON_GROUND, QUAT, SIGNALS, P, V
 from covey.flight.navigation import Navigator, Status
 from covey.flight.obstacles import Obstacle
 from covey.flight.parameters import VehicleParameters
 from covey.flight.rotation import yaw_of
-from covey.flight.separation import ON_GROUND, min_separation
+from covey.flight.separation import min_separation
 from covey.flight.simulator import Simulator
 from covey.flight.trajectories import Trajectory
 from covey.vehicles.flight_log import FlightLog, FlightRecorder
