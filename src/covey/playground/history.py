@@ -25,7 +25,7 @@ class HistoryKeeper:
     >>> for second in range(100_000):
     ...     keeper.add_score(second, 0.5 * second)
     >>> history = keeper.history()
-    >>> len(history.times) <= POINTS + 1, history.times[0], history.times[-1]
+    >>> len(history.times) <= POINTS + 1, float(history.times[0]), float(history.times[-1])
     (True, 0.0, 99999.0)
     """
 

@@ -84,9 +84,9 @@ class PlaygroundServer:
 
     Examples
     --------
-    >>> from covey.runtime.feed import Ended
-    >>> with PlaygroundServer() as server:  # doctest: +SKIP
-    ...     plan(mission, watch=server.watch)
+    >>> with PlaygroundServer() as server:  # give `server.watch` to a run
+    ...     server.url.startswith("http://127.0.0.1:")
+    True
     """
 
     def __init__(

@@ -97,8 +97,10 @@ class Record:
 
     Examples
     --------
-    >>> with Record("covey-out/scene-7") as record:  # doctest: +SKIP
-    ...     print(record.at(12.0).score)
+    >>> Record("nowhere.mcap")
+    Traceback (most recent call last):
+        ...
+    covey.errors.RecordError: nowhere.mcap: no record here; expected what `covey plan` or `covey fly` wrote
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -288,6 +290,7 @@ class Record:
             if not self._is_mcap():
                 raise RecordError(f"{self.path}: expected an MCAP file, got something else")
             self.read_to = min(self.size, 8)
+        self.size = max(self.size, self.read_to)
 
     def _is_mcap(self) -> bool:
         """Whether the file begins as an MCAP file does, as far as it goes."""
@@ -302,6 +305,7 @@ class Record:
         """Find what there is in the chunk in which the file ends."""
         self._stream.seek(self.read_to)
         data = self._stream.read()
+        self.size = self._stream.tell()  # a run that goes on has written more since the file was opened
         self._torn = torn_records(data)
         if self._torn:
             self._scan_records(self.read_to, self._torn, channels, schemas)

@@ -94,8 +94,17 @@ class Recorder:
 
     Examples
     --------
-    >>> with Recorder("run.mcap") as recorder:  # doctest: +SKIP
-    ...     covey.plan(mission, watch=recorder)
+    >>> import math, tempfile
+    >>> import covey
+    >>> from covey.runtime.mcap_reader import Record
+    >>> text = "{schema_version: 1, name: two, agents: {count: 2}, environment: {landmarks: {points: [[0, 0], [2, 1]]},"
+    >>> text += " region: {box: {x_m: [-1, 3], y_m: [-1, 2]}}}}"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Recorder(f"{folder}/run.mcap") as recorder:
+    ...         deployment = covey.plan(covey.parse_mission(text, format="yaml"), watch=recorder)
+    ...     with Record(recorder.path) as record:
+    ...         abs(record.at(math.inf).score - deployment.score.final) < 1e-9
+    True
     """
 
     def __init__(self, path: str | Path, *, on_open: Callable[[Path], object] | None = None) -> None:
