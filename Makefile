@@ -7,9 +7,10 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input -q
 PINNED := --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url --no-header --quiet
 SOURCES := src tests benchmarks examples
+WEB := src/covey/playground/web
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak check format bench images lock clean
+.PHONY: help setup demo test soak check format bench images web lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,12 +41,17 @@ format: setup  ## format the sources and mend what the linter can
 bench: $(VENV)/.bench  ## print the benchmarks as JSON
 	@$(BIN)/python benchmarks/run.py
 
-images: setup  ## draw the pictures of the documentation anew
+images: setup  ## draw the pictures of the documentation anew; needs Chromium
 	$(BIN)/covey plan examples/thesis-5.1.yaml --out build/images --bound --baseline --quiet --force
 	cp build/images/deployment.png docs/images/deployment.png
 	$(BIN)/covey fly examples/thesis-5.1.yaml --out build/images-flight --quiet --force
 	cp build/images-flight/flight.png docs/images/flight.png
 	$(BIN)/covey heatmap --out docs/images/visibility.png --force
+	$(BIN)/python -m tests.browser.pictures
+
+web: setup  ## build the Playground's page from its sources; needs Node.js and npm
+	$(BIN)/python -m covey.playground.typescript > $(WEB)/src/messages.ts
+	cd $(WEB) && npm install --no-package-lock --no-fund --no-audit --loglevel=error && npm run --silent check && npm run --silent build
 
 lock: setup  ## pin the requirements anew
 	$(BIN)/uv pip compile pyproject.toml requirements/dev.in --output-file requirements/dev.txt $(PINNED)
@@ -54,6 +60,7 @@ lock: setup  ## pin the requirements anew
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf $(VENV) build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(WEB)/node_modules
 	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew whenever the pins change, so that it holds exactly what they name.

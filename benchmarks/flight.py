@@ -5,7 +5,9 @@ practical control law, and physics of two steps of 5 ms, each with its rate loop
 drag and the check for collisions.  One thread.  RotorPy's is `SE3Control.update` and `Multirotor.step` of 10 ms,
 without avoidance; it is left out where RotorPy is not installed.
 
-Then whole missions in MuJoCo, trading, proofs and log included, as times real time.
+Then whole missions in MuJoCo, as times real time.  Included is all that `covey.runtime.fly.fly` does, its kernels being
+compiled: building the simulator, trading, proofs, control, physics and log.  Starting Python, loading the mission and
+writing results and figures are not; they take as long for a short flight as for a long one.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         MissionError,
         Mistake,
         OutputError,
+        RecordError,
         ResultError,
         SolverError,
     )
@@ -39,10 +40,13 @@ if TYPE_CHECKING:
     from covey.mission import Mission, load_mission, mission_schema, parse_mission
     from covey.optimize.base import PoseProblem, PoseResult
     from covey.runtime.certify import certify
+    from covey.runtime.flight import Flight
+    from covey.runtime.fly import fly
     from covey.runtime.plan import plan
     from covey.runtime.record import read_result
     from covey.runtime.result import Deployment, Progress
     from covey.sensing.base import VisibilityModel
+    from covey.vehicles.flight_log import FlightLog
 
 __version__ = "0.1.0"
 
@@ -51,6 +55,8 @@ _HOMES = {
     "Certificate": "covey.coverage.certificate",
     "CoveyError": "covey.errors",
     "Deployment": "covey.runtime.result",
+    "Flight": "covey.runtime.flight",
+    "FlightLog": "covey.vehicles.flight_log",
     "GeoReference": "covey.environment",
     "InputError": "covey.errors",
     "Landmarks": "covey.environment",
@@ -62,6 +68,7 @@ _HOMES = {
     "PoseProblem": "covey.optimize.base",
     "PoseResult": "covey.optimize.base",
     "Progress": "covey.runtime.result",
+    "RecordError": "covey.errors",
     "Region": "covey.geometry",
     "ResultError": "covey.errors",
     "SolverError": "covey.errors",
@@ -69,6 +76,7 @@ _HOMES = {
     "Violation": "covey.coverage.certificate",
     "VisibilityModel": "covey.sensing.base",
     "certify": "covey.runtime.certify",
+    "fly": "covey.runtime.fly",
     "load_mission": "covey.mission",
     "mission_schema": "covey.mission",
     "parse_mission": "covey.mission",
@@ -82,6 +90,8 @@ __all__ = [
     "Certificate",
     "CoveyError",
     "Deployment",
+    "Flight",
+    "FlightLog",
     "GeoReference",
     "InputError",
     "Landmarks",
@@ -93,6 +103,7 @@ __all__ = [
     "PoseProblem",
     "PoseResult",
     "Progress",
+    "RecordError",
     "Region",
     "ResultError",
     "SolverError",
@@ -100,6 +111,7 @@ __all__ = [
     "Violation",
     "VisibilityModel",
     "certify",
+    "fly",
     "load_mission",
     "mission_schema",
     "parse_mission",

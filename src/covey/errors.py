@@ -6,7 +6,8 @@
     ├── ArgumentError             a function's argument has the wrong shape, type or range (also a ValueError)
     ├── InputError                a file the user gave cannot be used
     │   ├── MissionError          a mission file: carries every mistake found, with line and key
-    │   └── ResultError           a result directory: missing, incomplete or inconsistent
+    │   ├── ResultError           a result directory: missing, incomplete or inconsistent
+    │   └── RecordError           a record of a run: no MCAP file, not of covey, or too little of it is left
     ├── OutputError               the output cannot be written, or would overwrite something
     ├── NetworkError              the network cannot be joined
     ├── CodecError                bytes from the network are no message of this mission; says why
@@ -82,6 +83,10 @@ class MissionError(InputError):
 
 class ResultError(InputError):
     """A result directory is missing, incomplete or contradicts itself."""
+
+
+class RecordError(InputError):
+    """A record of a run cannot be read: no MCAP file, not written by covey, or cut before it tells anything."""
 
 
 class OutputError(CoveyError):

@@ -1,20 +1,24 @@
-"""The conformance suite for transports, over the in-process bus and Zenoh; and transports with one fault, which it must
-find.
+"""The conformance suite for transports, over the in-process bus, the network of the fault simulator and Zenoh; and
+transports with one fault, which it must find.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.net import connect_team, free_endpoint, settle_team
 
-from covey.protocol import Busy, Heartbeat, Message, RecordSlice, Request
-from covey.testing.transports import check_real_transport, check_transport
-from covey.transports import Loopback, LoopbackEndpoint, Transport
+from covey.faults import draw
+from covey.faults.scenario import Mode
+from covey.faults.simulator import Simulation
+from covey.protocol import Busy, Heartbeat, Message, Node, Output, Publish, RecordSlice, Request, Send
+from covey.testing.transports import Connect, check_real_transport, check_transport
+from covey.transports import Loopback, LoopbackEndpoint, Transport, network
 from covey.transports.codec import Codec
-from covey.transports.network import Mode, NetworkOptions, Router
 from covey.transports.zenoh import ZenohTransport
 
 
@@ -42,6 +46,82 @@ def test_the_loopback_conforms(seed: int) -> None:
     check_transport(Network(seed))
 
 
+class Mailbox(Node):
+    """In the place of a node: it keeps what the simulated network brings it."""
+
+    mail: list[Message]
+
+    def receive(self, now: float, message: Message, rng: np.random.Generator) -> list[Output]:
+        self.mail.append(message)
+        return []
+
+    def next_deadline(self) -> float | None:
+        return None
+
+
+class SimulatedEndpoint:
+    """One agent's access to the network of a fault simulator."""
+
+    def __init__(self, simulation: Simulation, agent: int) -> None:
+        self.agent = agent
+        self._simulation = simulation
+        self._mailbox = mailbox = simulation.nodes[agent]
+        assert isinstance(mailbox, Mailbox)
+        self._mail = mailbox.mail = []
+
+    @property
+    def _closed(self) -> bool:
+        return self.agent not in self._simulation.nodes
+
+    def send(self, to: int, message: Message) -> None:
+        if not self._closed:
+            self._simulation._act(self.agent, [Send(to, message)])
+
+    def publish(self, heartbeat: Heartbeat) -> None:
+        if not self._closed:
+            self._simulation._act(self.agent, [Publish(heartbeat)])
+
+    def receive(self) -> list[Message]:
+        mail = list(self._mail)
+        self._mail.clear()
+        return mail
+
+    def close(self) -> None:
+        self._simulation.nodes.pop(self.agent, None)
+        self._mail.clear()
+
+
+def simulated_network(seed: int, *, loss: float = 0.0, duplicates: float = 0.0) -> Connect:
+    """Return the network of a fault simulator in which nothing happens but these faults."""
+
+    def connect(agents: Sequence[int]) -> tuple[Sequence[Transport], Callable[[], None]]:
+        calm = replace(draw(seed), mode=Mode.SAFETY, agents=max(agents) + 1, faults=(), proofs=0.0, calm_after=math.inf)
+        simulation = Simulation(replace(calm, loss=loss, duplicates=duplicates), Mailbox, traced=False)
+        for node in simulation.nodes.values():
+            assert isinstance(node, Mailbox)
+            node.mail = []
+
+        def settle() -> None:
+            while simulation._queue:
+                simulation._step()
+
+        return [SimulatedEndpoint(simulation, agent) for agent in agents], settle
+
+    return connect
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_fault_simulator_without_faults_conforms(seed: int) -> None:
+    check_transport(simulated_network(seed))
+
+
+def test_the_fault_simulators_faults_are_found() -> None:
+    with pytest.raises(AssertionError):
+        check_transport(simulated_network(0, loss=0.3))
+    with pytest.raises(AssertionError):
+        check_transport(simulated_network(0, duplicates=0.3))
+
+
 class ZenohNetwork:
     """Opens a transport for each agent, all in this process; through a router or directly."""
 
@@ -50,14 +130,16 @@ class ZenohNetwork:
     def __init__(self, *, routed: bool) -> None:
         self.routed = routed
         self.open: list[ZenohTransport] = []
-        self.router: Router | None = None
+        self.router: network.Router | None = None
 
     def __call__(self, agents: Sequence[int]) -> tuple[Sequence[ZenohTransport], Callable[[], None]]:
         self.close()
         meeting_point = free_endpoint()
         if self.routed:
-            self.router = Router(NetworkOptions(mode=Mode.ROUTER, listen=(meeting_point,)), self.CODEC.digest)
-        mode = Mode.CLIENT if self.routed else Mode.PEER
+            self.router = network.Router(
+                network.NetworkOptions(mode=network.Mode.ROUTER, listen=(meeting_point,)), self.CODEC.digest
+            )
+        mode = network.Mode.CLIENT if self.routed else network.Mode.PEER
         self.open = connect_team(agents, self.CODEC, meeting_point, mode)
         return self.open, lambda: settle_team(self.open)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -36,6 +37,25 @@ def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
 
 
+def serve(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command that serves until Ctrl-C, and press it when the page is there."""
+    program = "from covey.cli.main import main; main()"
+    command = [sys.executable, "-W", "error", "-c", program, *arguments]
+    with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        err = ""
+        for line in process.stderr:
+            err += line
+            if "until you press Ctrl-C" in line:
+                process.send_signal(signal.SIGINT)
+    return subprocess.CompletedProcess(command, process.returncode, "", err)
+
+
+def serves(arguments: list[str]) -> bool:
+    """Whether a command serves a page until Ctrl-C."""
+    return arguments[0] == "playground" or (arguments[0] == "replay" and not {"--html", "--video"} & set(arguments))
+
+
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
     """A folder with what a reader has, to run commands in."""
@@ -60,7 +80,7 @@ def test_commands_of_the_readme_run(clone: Path) -> None:
     lines = covey_lines(ROOT / "README.md")
     assert {line[0] for line in lines} >= {"plan", "validate", "certify"}
     for line in lines:
-        finished = run(line, clone)
+        finished = serve(line, clone) if serves(line) else run(line, clone)
         assert finished.returncode == 0, f"covey {shlex.join(line)}\n{finished.stdout}\n{finished.stderr}"
 
 

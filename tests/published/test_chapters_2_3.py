@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from covey.flight.layout import SIG_DV3, SIG_V3, P
+from covey.flight.layout import SIG_DV3, SIG_EP, SIG_EV, SIG_V3, P
 from covey.flight.parameters import load_vehicle
-from covey.flight.trajectories import Circle, Follow
+from covey.flight.trajectories import Circle, Follow, Hold
 from covey.mission.exercise import Goal, parse_exercise
 from covey.runtime.exercise import fly_exercise
 from covey.runtime.flight_findings import STATEMENTS, Run, Statement, agrees, predicted_lag
@@ -67,6 +67,17 @@ def test_v_falls_at_every_step(name: str, start: float) -> None:
     noise = 1e-12 * signals[0, SIG_V3]
     assert signals[:, SIG_DV3].max() < noise
     assert np.diff(signals[:, SIG_V3]).max() < noise
+
+
+@pytest.mark.parametrize("pure", [True, False])
+@pytest.mark.parametrize("vehicle", ["iris", "crazyflie"])
+@pytest.mark.parametrize("trajectory", [Hold((1.0, 3.0, 2.0)), Circle((0.0, 0.0, 0.5))], ids=["regulation", "circle"])
+def test_errors_vanish_by_the_model(trajectory: Hold | Circle, vehicle: str, pure: bool) -> None:
+    """From rest, with the law itself and in the form that is flown; V falls below a billionth of what it was."""
+    flight = fly_ideal(trajectory, REST, load_vehicle(vehicle), duration=25.0, pure=pure)
+    assert flight.signals[-400:, SIG_EP].max() < 1e-6
+    assert flight.signals[-400:, SIG_EV].max() < 1e-6
+    assert flight.signals[-1, SIG_V3] < 1e-9 * flight.signals[0, SIG_V3]
 
 
 @pytest.mark.parametrize(("name", "least"), [("go-to-two", 0.61), ("go-to-three", 0.56), ("swap", 0.61)])

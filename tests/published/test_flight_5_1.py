@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from covey.mission import Mission, load_mission, parse_mission
-from covey.runtime.fly import Flight, fly
+from covey.runtime.flight import Flight
+from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.result import PlanStatus
 
@@ -35,7 +36,9 @@ def is_sound(flight: Flight) -> None:
     assert deployment.certificate.holds
     assert (report.collisions, report.lost) == (0, ())
     assert report.min_separation >= report.required_separation
-    assert flight.log.state[-1, :, 2].max() < 0.3
+    assert flight.log.state[-1, :, 2].max() < 0.02
+    assert (flight.log.command[-1, :, 0] == 0.0).all()
+    assert sum(event.kind == "landed" for event in flight.log.events) == len(flight.log.names)
 
 
 def test_the_mission_flown_is_the_mission_planned(root: Path) -> None:

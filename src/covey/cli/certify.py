@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from covey.cli.paths import named_path
+from covey.cli.arguments import named_path
 from covey.cli.plan import VIOLATED
 
 
 def certify(
     directory: Annotated[
         Path,
-        typer.Argument(parser=named_path, metavar="DIR", help="A result directory that `covey plan` wrote."),
+        typer.Argument(parser=named_path, metavar="DIR", help="What `covey plan` or `covey fly` wrote."),
     ],
     bound: Annotated[bool, typer.Option("--bound", help="Prove what no deployment of this team can exceed.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the certificate as JSON, nothing else.")] = False,

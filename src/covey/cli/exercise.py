@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ def fly_exercise_file(
     from covey.cli.progress import ProgressLine
     from covey.runtime.exercise import fly_exercise
     from covey.runtime.record import default_directory
-    from covey.runtime.sortie_record import check_exercise_target, exercise_text, write_exercise
+    from covey.runtime.sortie_record import check_exercise_target, exercise_text, film_exercise, write_exercise
 
     target = default_directory(exercise.name, exercise.seed) if out is None else out
     check_exercise_target(target, overwrite=force)
@@ -48,7 +49,11 @@ def fly_exercise_file(
             progress(news)
 
         result = fly_exercise(exercise, simulator=vehicles, realtime=realtime, on_progress=report)
-        write_exercise(result, target, overwrite=force, film=film, on_progress=progress)
+        write_exercise(result, target, overwrite=force)
+        filmed = False
+        if film:
+            with suppress(KeyboardInterrupt):  # all else is there
+                filmed = film_exercise(result, target, on_progress=report) is not None
     if json:
         typer.echo(exercise_text(result), nl=False)
     elif not quiet:
@@ -56,21 +61,26 @@ def fly_exercise_file(
     if result.interrupted:
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
         raise typer.Exit(INTERRUPTED)
+    if interruption.noted:
+        missing = ", without a film" if film and not filmed else ""
+        typer.echo(f"covey: interrupted; the flight was over and is in {target}{missing}", err=True)
+        raise typer.Exit(INTERRUPTED)
     if result.summary["collisions"] or result.summary["lost"] or result.summary["waypoints_missed"]:
         raise typer.Exit(MISSED)
 
 
 def _show(result: ExerciseResult, target: Path) -> None:
-    from covey.cli.summary import printable
+    from covey.cli.summary import factor_text, length_text, printable
+    from covey.runtime.record import FLIGHT_FILES, RESULT
 
     summary = result.summary
     least = summary["min_separation_m"]
     apart = "one vehicle" if least is None else f"at least {least:.2f} m"
     head = f"{printable(result.exercise.name)}: {summary['duration_s']:.0f} s in {summary['simulator']}"
     lines = [
-        f"{head}, {summary['real_time_factor']:.0f} times real time",
+        f"{head}, {factor_text(summary['real_time_factor'])} real time",
         f"Apart     {apart}; collisions: {summary['collisions']}",
-        f"Tracking  {100.0 * summary['tracking_rms_m']:.1f} cm rms",
+        f"Tracking  {length_text(summary['tracking_rms_m'])} rms",
         f"Goals     {summary['waypoints_reached']} reached, {summary['waypoints_missed']} missed",
     ]
     if summary["min_object_gap_m"] is not None:
@@ -78,7 +88,8 @@ def _show(result: ExerciseResult, target: Path) -> None:
     lines += [
         f"          {event['time_s']:.1f} s: {printable(event['text'])}"
         for event in summary["events"]
-        if event["kind"] != "reached"
+        if event["event"] != "reached"
     ]
-    lines.append(f"Files     {target}")
+    names = [name for name in (*FLIGHT_FILES, RESULT) if (target / name).exists()]
+    lines.append(f"Files     {target}: {', '.join(names)}")
     typer.echo("\n".join(lines))

@@ -10,16 +10,25 @@ from typing import Annotated
 import typer
 
 from covey import __version__
+from covey.cli.agent import agent
 from covey.cli.certify import certify
 from covey.cli.chaos import chaos
+from covey.cli.figures import figures
 from covey.cli.fly import fly
 from covey.cli.heatmap import heatmap
+from covey.cli.info import info
 from covey.cli.interrupt import leave_at_once
+from covey.cli.launch import launch
 from covey.cli.plan import plan
+from covey.cli.playground import playground
+from covey.cli.replay import replay
 from covey.cli.reproduce import reproduce
 from covey.cli.schema import schema
 from covey.cli.validate import validate
 from covey.errors import CoveyError, MissionError
+
+UNHEARD = 141
+"""Exit code when the output is a pipe that was closed, as `head` does: what shells say of SIGPIPE."""
 
 app = typer.Typer(
     name="covey",
@@ -31,7 +40,22 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (plan, fly, certify, validate, schema, reproduce, heatmap, chaos):
+for command in (
+    plan,
+    fly,
+    playground,
+    replay,
+    launch,
+    agent,
+    info,
+    figures,
+    certify,
+    validate,
+    schema,
+    reproduce,
+    heatmap,
+    chaos,
+):
     app.command()(command)
 
 
@@ -62,7 +86,8 @@ def main(arguments: list[str] | None = None) -> None:
     ------
     SystemExit
         Always: 0 for success, 1 for a deployment that violates its certificate or a protocol that violates an
-        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 130 for Ctrl-C.
+        invariant, 2 for bad input or usage, 3 for an optimiser that failed, 4 for a flight that failed or an agent that
+        was started again elsewhere, 130 for Ctrl-C, 141 if nobody reads the output any more.
     """
     before = signal.signal(signal.SIGINT, leave_at_once)
     try:
@@ -75,6 +100,8 @@ def main(arguments: list[str] | None = None) -> None:
         typer.echo(f"covey: {what}{error.strerror if what else error}", err=True)
         _leave(CoveyError.exit_code)
     except SystemExit as leaving:
+        if isinstance(leaving.__context__, BrokenPipeError):  # typer leaves with 1, which means something else here
+            _leave(UNHEARD)
         _leave(leaving.code if isinstance(leaving.code, int) else 0)
     finally:
         signal.signal(signal.SIGINT, before)

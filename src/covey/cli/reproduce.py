@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from covey.cli.arguments import named_path
 from covey.cli.interrupt import INTERRUPTED, Interruption
-from covey.cli.paths import named_path
 
 if TYPE_CHECKING:
     from covey.runtime.result import Progress
@@ -32,6 +32,8 @@ def reproduce(
     thesis-5.1: Figures 4.1 and 5.3 to 5.6, and a table of its scores beside ours.
 
     thesis-flight: Figures 2.2 to 2.9 and 3.1 to 3.4, and the tests of sections 2.3.2, 3.4.2 and 3.4.3, as one page.
+
+    Ctrl-C keeps what is finished: the seeds that were planned, the scenes that were flown.
 
     [bold]Examples[/bold]
 
@@ -67,3 +69,6 @@ def reproduce(
     if not quiet:
         typer.echo(text)
         typer.echo(f"The page is {target / 'index.html'}")
+    if interruption.noted:
+        typer.echo(f"covey: interrupted; what was finished by then is in {target}", err=True)
+        raise typer.Exit(INTERRUPTED)

@@ -20,6 +20,7 @@ from covey.runtime.lattice import find_lattice
 from covey.runtime.palette import colours
 from covey.runtime.record import FILES
 from covey.runtime.result import Baseline, Deployment, FlightReport
+from covey.vehicles.flight_log import TROUBLE
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -149,22 +150,47 @@ def _facts(deployment: Deployment, directory: Path | None, *, arrow: str) -> lis
 def _flight_facts(flight: FlightReport) -> list[tuple[str, str]]:
     """Say how a mission was flown, and what went wrong."""
     how = (
-        f"{flight.duration:.0f} s in {flight.simulator} with {flight.vehicle}, {flight.real_time_factor:.0f} times "
-        f"real time; tracking {100.0 * flight.tracking_rms:.1f} cm rms; score as flown {flight.score_flown:.2f}"
+        f"{flight.duration:.0f} s in {flight.simulator} with {flight.vehicle}, {factor_text(flight.real_time_factor)} "
+        f"real time; tracking {length_text(flight.tracking_rms)} rms"
     )
-    apart = (
-        f"at least {flight.min_separation:.2f} m, {flight.required_separation:.2f} m required; "
-        f"{_count(flight.collisions, 'collision')}"
-    )
+    if math.isfinite(flight.score_flown):
+        how += f"; score as flown {flight.score_flown:.2f}"
+    least = f"at least {flight.min_separation:.2f} m, {flight.required_separation:.2f} m required"
+    apart = least if math.isfinite(flight.min_separation) else "never two vehicles in the air"
+    apart += f"; {_count(flight.collisions, 'collision')}"
+    if flight.max_outside_region > 0.005:
+        apart += f"; up to {length_text(flight.max_outside_region)} outside a region"
     if math.isfinite(flight.separation_cost):
         apart += f"; keeping apart cost {flight.separation_cost:.2f} in score"
     waypoints = f"{flight.waypoints_reached} reached, {flight.waypoints_missed} missed"
     facts = [("Flight", how), ("Apart", apart), ("Waypoints", waypoints)]
-    worth = [event for event in flight.events if event.kind in ("missed", "lost", "collision", "fault")]
+    worth = [event for event in flight.events if event.kind in TROUBLE]
     facts += [("", f"{event.time:.1f} s: {printable(event.text)}") for event in worth[:8]]
     if len(worth) > 8:
         facts.append(("", f"and {len(worth) - 8} more, see result.json"))
     return facts
+
+
+def length_text(metres: float) -> str:
+    """Write a length in a unit that suits it.
+
+    Examples
+    --------
+    >>> length_text(0.0123), length_text(1750.6)
+    ('1.2 cm', '1751 m')
+    """
+    return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.4g} m"
+
+
+def factor_text(factor: float) -> str:
+    """Write how much faster than real time something was.
+
+    Examples
+    --------
+    >>> factor_text(27.6), factor_text(0.43)
+    ('28 times', '0.4 times')
+    """
+    return f"{factor:.0f} times" if factor >= 2.0 else f"{factor:.1g} times"
 
 
 def _baseline_line(baseline: Baseline, final: float) -> str:
@@ -182,13 +208,14 @@ def _agents(deployment: Deployment, *, plain: bool) -> RenderableType:
         table.add_column(Text(head), justify="right", no_wrap=True)
     palette = colours([agent.name for agent in deployment.agents])
     arrows = ASCII_ARROWS if plain else ARROWS
+    lost = () if deployment.flight is None else deployment.flight.lost
     for number, (agent, colour) in enumerate(zip(deployment.agents, palette, strict=True), start=1):
         if number > LISTED:
             break
         yaw = math.degrees(agent.pose.yaw)
         table.add_row(
             Text.assemble(("# " if plain else "■ ", colour), str(number)),
-            Text(printable(agent.name)),
+            Text(printable(agent.name), style="strike" if agent.name in lost else ""),
             f"{agent.pose.x:.3f}",
             f"{agent.pose.y:.3f}",
             f"{arrows[round(yaw / 45.0) % 8]} {yaw:6.1f}",

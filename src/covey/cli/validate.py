@@ -1,4 +1,4 @@
-"""`covey validate`: is this mission file right, and what does it say?"""
+"""`covey validate`: is this mission or exercise file right, and what does it say?"""
 
 from __future__ import annotations
 
@@ -8,35 +8,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from covey.cli.paths import named_path
+from covey.cli.arguments import named_path
 
 if TYPE_CHECKING:
     from covey.mission import Mission, SensorSpec
+    from covey.mission.exercise import Exercise, Task
 
 
 def validate(
     files: Annotated[
         list[Path],
-        typer.Argument(parser=named_path, metavar="FILE...", help="Mission files: YAML, TOML or JSON."),
+        typer.Argument(parser=named_path, metavar="FILE...", help="Mission or exercise files: YAML, TOML or JSON."),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Report every mistake in mission files at once, or say what is in them."""
+    """Report every mistake in mission or exercise files at once, or say what is in them."""
     from covey.errors import MissionError
     from covey.mission import load_mission
+    from covey.mission.exercise import is_exercise, load_exercise
 
     findings: list[dict[str, Any]] = []
     for file in files:
         try:
             _check_regular(file)
-            mission = load_mission(file)
+            facts = exercise_summary(load_exercise(file)) if is_exercise(file) else summary(load_mission(file))
         except MissionError as error:
             mistakes = [vars(mistake) for mistake in error.mistakes]
             findings.append({"file": str(file), "valid": False, "mistakes": mistakes})
             if not json:
                 typer.echo(str(error))
             continue
-        facts = summary(mission)
         findings.append({"file": str(file), "valid": True, "mistakes": [], "summary": facts})
         if not json:
             typer.echo(f"{file}: valid")
@@ -71,7 +72,8 @@ def summary(mission: Mission) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        One line of text for each of mission, landmarks, region, agents, sensor, coverage, layers, georeference.
+        One line of text for each of mission, landmarks, region, agents, sensor, coverage and, where the mission has
+        them, flight, layers and georeference.
     """
     landmarks = mission.landmarks
     size = f", cells of {landmarks.cell_size:g} m" if landmarks.cell_size else ""
@@ -95,6 +97,8 @@ def summary(mission: Mission) -> dict[str, str]:
         "coverage": f"sigma {coverage.sigma:g}, trade {coverage.trade.value}, optimizer {coverage.optimizer.value}, "
         f"assignment {assignment}",
     }
+    if "flight" in mission.source:
+        facts["flight"] = _flight(mission)
     if mission.separation is not None:
         facts["layers"] = str(mission.separation)
     origin = mission.georeference
@@ -103,11 +107,67 @@ def summary(mission: Mission) -> dict[str, str]:
     return facts
 
 
+def exercise_summary(exercise: Exercise) -> dict[str, str]:
+    """Say in a few lines what an exercise holds.
+
+    Parameters
+    ----------
+    exercise : Exercise
+
+    Returns
+    -------
+    dict of str to str
+        One line of text for each of exercise, vehicles and, where it has them, obstacles, objects and weather.
+    """
+    vehicles = [f"{item.name} ({item.parameters.name}) {_task(item.task, exercise)}" for item in exercise.vehicles[:8]]
+    rest = ["..."] if len(exercise.vehicles) > 8 else []
+    facts = {
+        "exercise": f"{exercise.name}, seed {exercise.seed}, {exercise.duration:g} s",
+        "vehicles": f"{len(exercise.vehicles)}: {', '.join(vehicles + rest)}",
+    }
+    if exercise.obstacles:
+        facts["obstacles"] = str(len(exercise.obstacles))
+    if exercise.objects:
+        facts["objects"] = ", ".join(
+            f"{item.name}, radius {item.radius:g} m, {item.speed:g} m/s" for item in exercise.objects
+        )
+    weather = [name for name, there in (("wind", not exercise.wind.calm), ("noise", not exercise.noise.exact)) if there]
+    if weather:
+        facts["weather"] = ", ".join(weather)
+    return facts
+
+
+def _task(task: Task, exercise: Exercise) -> str:
+    from covey.mission.exercise import Circle, Follow, Goal
+
+    match task:
+        case Goal():
+            return "goes to ({:g}, {:g}, {:g}) m".format(*task.p_W)
+        case Circle():
+            return f"flies a circle of {task.radius:g} m"
+        case Follow():
+            return f"follows {exercise.vehicles[task.leader].name}"
+        case None:
+            return "stays"
+
+
 def _sensor(sensor: SensorSpec) -> str:
     options = dict(sensor.options)
     distance = options.pop("optimal_distance", None)
     parts = [sensor.model] + ([f"optimal distance {distance:g} m"] if distance is not None else [])
     return ", ".join(parts + [f"{name} {value:g}" for name, value in options.items()])
+
+
+def _flight(mission: Mission) -> str:
+    spec = mission.flight
+    altitudes = sorted(set(spec.altitudes(len(mission.agents))))
+    heights = f"{altitudes[0]:.4g} m" if len(altitudes) == 1 else f"{altitudes[0]:.4g} to {altitudes[-1]:.4g} m"
+    parts = [f"{Path(spec.vehicle).stem}, {len(altitudes)} layer{'s' * (len(altitudes) > 1)} at {heights}"]
+    for number, what in ((len(spec.obstacles), "obstacle"), (len(spec.faults), "fault")):
+        if number:
+            parts.append(f"{number} {what}{'s' * (number > 1)}")
+    parts += [name for name, there in (("wind", not spec.wind.calm), ("noise", not spec.noise.exact)) if there]
+    return ", ".join(parts)
 
 
 def _strips(mission: Mission) -> str:

@@ -203,9 +203,20 @@ class RestartsInTheSameLife(Node):
         order: Order = random_order,
         options: NodeOptions | None = None,
         links: Links | None = None,
+        assigned: NDArray[np.int64] | None = None,
     ) -> Node:
         """Start in the first life again."""
-        return super().restart(agent, team, memory, planner, incarnation=1, order=order, options=options, links=links)
+        return super().restart(
+            agent,
+            team,
+            memory,
+            planner,
+            incarnation=1,
+            order=order,
+            options=options,
+            links=links,
+            assigned=assigned,
+        )
 
 
 class RemovedLandmarksComeBack(Node):

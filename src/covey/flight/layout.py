@@ -5,6 +5,11 @@ from __future__ import annotations
 GRAVITY = 9.81
 """Standard gravity as used throughout, m/s²."""
 
+ON_GROUND = 0.3
+"""A vehicle whose centre is lower than this, metres, does not count for the separation in the air: it takes off, lands
+or stands.
+"""
+
 # state, and its first OBSERVATION columns as measured
 P = 0
 """Position, frame W, metres, 3 columns."""

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from covey.errors import ArgumentError
 from covey.flight import reference_motion as motion
+from covey.flight.fence import Fences
 from covey.flight.layout import REF_YAW, REFERENCE
 from covey.flight.navigation_options import NavigationOptions
 from covey.flight.obstacles import Obstacle, Sphere, pack, place_sphere
 from covey.flight.parameters import VehicleParameters
 from covey.flight.route import Router
 from covey.flight.separation import sort_into_cells
+from covey.geometry import Region
 
 FORGET = 0.3
 """Seconds after which an obstacle that is not moved any more counts as standing still."""
@@ -51,6 +53,8 @@ class Navigator:
     obstacles : sequence of Obstacle
     options : NavigationOptions, or a sequence of them, optional
         For all, or one a vehicle; by default `NavigationOptions.for_vehicle`.
+    regions : sequence of Region or None, keyword-only
+        Where each vehicle's centre has to stay, at any altitude: border and holes are its fence.  Anywhere by default.
 
     Notes
     -----
@@ -78,6 +82,8 @@ class Navigator:
         parameters: Sequence[VehicleParameters],
         obstacles: Sequence[Obstacle] = (),
         options: NavigationOptions | Sequence[NavigationOptions] | None = None,
+        *,
+        regions: Sequence[Region | None] | None = None,
     ) -> None:
         n = len(parameters)
         if options is None:
@@ -86,7 +92,10 @@ class Navigator:
             options = [options] * n
         if len(options) != n or n == 0:
             raise ArgumentError(f"options: expected one for each of {n} vehicles (at least one), got {len(options)}")
+        if regions is not None and len(regions) != n:
+            raise ArgumentError(f"regions: expected one for each of {n} vehicles, got {len(regions)}")
         self.options = tuple(options)
+        self.fences = Fences([None] * n if regions is None else regions)
         self._team = motion.Team(
             modes=np.full(n, motion.INACTIVE),
             options=np.array([choice.row() for choice in options]),
@@ -269,19 +278,16 @@ class Navigator:
     def _set_obstacles(self, obstacles: list[Obstacle], drift: NDArray[np.float64]) -> None:
         self._obstacles = obstacles
         packed = pack(obstacles)
-        self._scene = motion.Scene(packed.rows, packed.edges, drift)
-        self._routers = {
-            (choice.floor, choice.ceiling): Router(packed, floor=choice.floor, ceiling=choice.ceiling)
-            for choice in self.options
-        }
-
-    def _router(self, i: int) -> Router:
-        return self._routers[self.options[i].floor, self.options[i].ceiling]
+        self._scene = motion.Scene(packed.rows, packed.edges, drift, self.fences.edges, self.fences.spans)
+        self._routers = [
+            Router(packed, floor=choice.floor, ceiling=choice.ceiling, fence=self.fences[i])
+            for i, choice in enumerate(self.options)
+        ]
 
     def _plan(
         self, i: int, goal: NDArray[np.float64], blockers: NDArray[np.float64] | None
     ) -> NDArray[np.float64] | None:
-        return self._router(i).route(self._team.virtual[i, 0:3], goal, self.options[i].keep_off, blockers)
+        return self._routers[i].route(self._team.virtual[i, 0:3], goal, self.options[i].keep_off, blockers)
 
     def _blockers(self, i: int, *, parked: bool) -> NDArray[np.float64]:
         """Others to go around: those that do not fly, or all but the fast ones."""
@@ -324,7 +330,7 @@ class Navigator:
             if self._team.modes[i] != motion.FLYING:
                 continue
             corners = np.vstack([self._team.virtual[i, 0:3], self.route(i)])
-            keep, router = self.options[i].keep_off, self._router(i)
+            keep, router = self.options[i].keep_off, self._routers[i]
             if all(router.line_is_free(a, b, keep) for a, b in itertools.pairwise(corners)):
                 continue
             route = self._plan(i, self._team.goals[i, :3], None)
@@ -342,7 +348,7 @@ class Navigator:
             self._closest[i] = left
             self._escapes[i] = 0
         self._escapes[i] += 1
-        own, router = self.options[i], self._router(i)
+        own, router = self.options[i], self._routers[i]
         blockers = self._blockers(i, parked=False)
         no_room = router.room(goal, own.keep_off, self._blockers(i, parked=True)) < 0.0
         self._occupied[i] = self._occupied[i] + 1 if router.room(goal, own.keep_off, blockers) < 0.0 else 0
@@ -358,7 +364,7 @@ class Navigator:
 
     def _sidestep(self, i: int, goal: NDArray[np.float64], blockers: NDArray[np.float64]) -> NDArray[np.float64]:
         """Choose a way by a point beside, above or behind, a different one each time."""
-        own, router, here = self.options[i], self._router(i), self._team.virtual[i, 0:3]
+        own, router, here = self.options[i], self._routers[i], self._team.virtual[i, 0:3]
         ahead = (goal - here) * np.array([1.0, 1.0, 0.0])
         length = np.linalg.norm(ahead)
         ahead = ahead / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
@@ -381,7 +387,7 @@ class Navigator:
         own, state = self.options[i], self._team.virtual[i]
         here, velocity = state[0:3].copy(), state[3:6]
         there = here + velocity * (np.linalg.norm(velocity) / (2.0 * own.brake_acceleration))
-        free = self._router(i).line_is_free(here, there, own.keep_off)
+        free = self._routers[i].line_is_free(here, there, own.keep_off)
         point: NDArray[np.float64] = there if free else here
         return point
 

@@ -126,7 +126,7 @@ class NavigationOptions:
             "separation": separation,
             "vertical_ratio": parameters.vertical_ratio,
             "max_acceleration": limits.max_acceleration,
-            "keep_off": parameters.body_radius + 0.5 * parameters.margin,
+            "keep_off": parameters.keep_off,
             "max_yaw_rate": min(1.0, 0.5 * limits.max_yaw_rate),
         }
         given.update(overrides)
@@ -139,7 +139,7 @@ class NavigationOptions:
         given.setdefault("brake_acceleration", 0.5 * acceleration)
         brake = given["brake_acceleration"]
         turn = min(0.25 * acceleration, acceleration - brake)
-        slow = math.sqrt(turn / turning_acceleration(given["separation"], 1.0)) if turn > 0.0 else 0.0
+        slow = _turning_speed(turn, given["separation"])
         given.setdefault("max_speed", min(limits.max_speed, slow))
         speed = given["max_speed"]
         stopping = 2.0 * speed * given["reaction_time"] + speed * speed / brake
@@ -159,3 +159,21 @@ class NavigationOptions:
             ],
             dtype=np.float64,
         )
+
+
+def fastest(parameters: VehicleParameters) -> float:
+    """Return the largest speed limit with which vehicles can keep apart, m/s: half their acceleration is for turning.
+
+    Examples
+    --------
+    >>> from covey.flight.parameters import load_vehicle
+    >>> iris = load_vehicle("iris")
+    >>> round(fastest(iris), 2), NavigationOptions.for_vehicle(iris, max_speed=0.999 * fastest(iris)).max_speed > 1.9
+    (1.96, True)
+    """
+    return _turning_speed(0.5 * parameters.limits.max_acceleration, parameters.required_separation)
+
+
+def _turning_speed(acceleration: float, separation: float) -> float:
+    """Speed at which being overtaken costs this acceleration, m/s."""
+    return math.sqrt(acceleration / turning_acceleration(separation, 1.0)) if acceleration > 0.0 else 0.0

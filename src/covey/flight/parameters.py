@@ -189,6 +189,11 @@ class VehicleParameters:
         return 2.0 * self.body_radius + self.margin
 
     @property
+    def keep_off(self) -> float:
+        """Distance from its centre that it keeps from obstacles, m."""
+        return self.body_radius + 0.5 * self.margin
+
+    @property
     def hover_speed(self) -> float:
         """Rotor speed that carries the weight, rad/s.
 
@@ -311,8 +316,11 @@ def load_vehicle(name_or_path: str | Path) -> VehicleParameters:
             raise InputError(f"vehicle: expected one of {known} or a .toml file, got {str(name_or_path)!r}{hint}")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: expected a TOML file with a vehicle's parameters; there is no such file") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: expected a TOML file with a vehicle's parameters, got {error}") from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: expected a TOML file with a vehicle's parameters, got: {reason}") from error
     return _build(document, str(path))
 
 

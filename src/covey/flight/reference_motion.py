@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.compiled import kernel
+from covey.flight.fence import fence_room, in_view
 from covey.flight.obstacles import box_distance, nearest
 from covey.flight.potential_field import add_repulsion, repulsion
 from covey.flight.separation import cap_velocity, scaled_distance, speed_cap
@@ -81,11 +82,23 @@ class Team(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Packed obstacles, as from `covey.flight.obstacles.pack`, and their velocities, shape (m, 3), m/s."""
+    """What vehicles keep clear of.
+
+    Parameters
+    ----------
+    rows, edges : arrays
+        Obstacles, as from `covey.flight.obstacles.pack`.
+    drift : array, shape (m, 3)
+        Velocities of the obstacles, frame W, m/s.
+    fence, spans : arrays
+        Fences, as from `covey.flight.fence.Fences`.
+    """
 
     rows: NDArray[np.float64]
     edges: NDArray[np.float64]
     drift: NDArray[np.float64]
+    fence: NDArray[np.float64]
+    spans: NDArray[np.int64]
 
 
 class Room(NamedTuple):
@@ -184,6 +197,7 @@ def advance(
     modes, options, progress = team.modes, team.options, team.progress
     routes, cursors, goals = team.routes, team.cursors, team.goals
     rows, edges, drift = scene.rows, scene.edges, scene.drift
+    fence, spans = scene.fence, scene.spans
     ways, caps, work, near = room.ways, room.caps, room.work, room.near
     virtual = team.virtual
     stalled = 0
@@ -231,12 +245,18 @@ def advance(
             old[c] = s[3 + c]
 
         # attraction towards the next corner
-        cursor, end = cursors[i, 0], cursors[i, 1]
+        cursor, end, hidden = cursors[i, 0], cursors[i, 1], False
         ax, ay, az, leg = 0.0, 0.0, 0.0, 0.0
         while True:
             ax, ay, az = routes[i, cursor, 0] - p[0], routes[i, cursor, 1] - p[1], routes[i, cursor, 2] - p[2]
             leg = math.sqrt(ax * ax + ay * ay + az * az)
             if cursor + 1 >= end or leg > o[CORNER]:
+                break
+            # a corner that the fence hides the next one behind is flown to
+            if leg > o[ARRIVED] and not in_view(
+                fence[spans[i, 0] : spans[i, 1]], p[0], p[1], routes[i, cursor + 1, 0], routes[i, cursor + 1, 1]
+            ):
+                hidden = True
                 break
             cursor += 1
         cursors[i, 0] = cursor
@@ -247,7 +267,7 @@ def advance(
                 + (routes[i, k + 1, 1] - routes[i, k, 1]) ** 2
                 + (routes[i, k + 1, 2] - routes[i, k, 2]) ** 2
             )
-        speed = wanted_speed(left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
+        speed = wanted_speed(leg if hidden else left, o[K_WP], o[K_V], 0.7 * o[BRAKE], o[MAX_SPEED])
         scale = speed / max(leg, 1e-9)
         u[0] = o[K_V] * (scale * ax - old[0])
         u[1] = o[K_V] * (scale * ay - old[1])
@@ -320,6 +340,40 @@ def advance(
             u[0] += g * nx
             u[1] += g * ny
             u[2] += g * nz
+
+        # The fence: a cap on the speed towards each of its edges, so that corners hold too; outside it, the way back.
+        # Seen from the virtual vehicle, and from what it leads, which would cut corners otherwise.
+        for probe in range(2 if spans[i, 1] > spans[i, 0] else 0):
+            back = probe * lag
+            x, y = p[0] - back * (old[0] - lag * s[6]), p[1] - back * (old[1] - lag * s[7])
+            left_room = fence_room(fence[spans[i, 0] : spans[i, 1]], x, y)
+            closest, nx, ny = math.inf, 0.0, 0.0
+            for k in range(spans[i, 0], spans[i, 1]):
+                ex, ey = fence[k, 2] - fence[k, 0], fence[k, 3] - fence[k, 1]
+                t = min(max(((x - fence[k, 0]) * ex + (y - fence[k, 1]) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+                dx, dy = x - fence[k, 0] - t * ex, y - fence[k, 1] - t * ey
+                d = math.sqrt(dx * dx + dy * dy)
+                if d > reach:
+                    continue
+                if d < 1e-6:  # on the edge itself: rings have the region on their left
+                    length = math.sqrt(ex * ex + ey * ey)
+                    dx, dy, d = -1e-6 * ey / length, 1e-6 * ex / length, 1e-6
+                elif left_room < 0.0:
+                    dx, dy = -dx, -dy
+                if d < closest:
+                    closest, nx, ny = d, dx / d, dy / d
+                if left_room >= 0.0:
+                    cap = speed_cap(d, o[BRAKE], o[REACTION], 1.0)
+                    if cap < o[MAX_SPEED]:
+                        caps_count = _add_cap(ways, caps, caps_count, -dx / d, -dy / d, 0.0, cap)
+            if closest < math.inf:
+                if left_room < 0.0:
+                    cap = max(speed_cap(left_room, o[BRAKE], o[REACTION], 1.0), -o[MAX_SPEED])
+                    caps_count = _add_cap(ways, caps, caps_count, -nx, -ny, 0.0, cap)
+                if probe == 0:
+                    g = repulsion(keep + max(left_room, 0.0), o[K_REP], OBSTACLE_REACH * keep) * easing
+                    u[0] += g * nx
+                    u[1] += g * ny
 
         # the air space; a goal outside it, as in landing, opens it
         low = min(o[FLOOR], routes[i, end - 1, 2], p[2])

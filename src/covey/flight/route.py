@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.compiled import kernel
+from covey.flight.fence import OPEN, SLACK, fence_room
 from covey.flight.obstacles import PackedObstacles, clearance
 from covey.flight.separation import scaled_distance
 
@@ -24,6 +25,7 @@ UNKNOWN, FREE, TAKEN, DONE = range(4)
 def room_at(
     rows: NDArray[np.float64],
     edges: NDArray[np.float64],
+    fence: NDArray[np.float64],
     blockers: NDArray[np.float64],
     keep_off: float,
     x: float,
@@ -32,9 +34,10 @@ def room_at(
 ) -> float:
     """Room left at a point beyond all distances to keep, metres; never changes faster than the point moves.
 
+    fence, shape (e, 4): edges that the point itself has to stay inside of, as in `covey.flight.fence`.
     blockers, shape (b, 5): x, y, z, scaled distance to keep, vertical ratio (at least 1).
     """
-    room = clearance(rows, edges, x, y, z) - keep_off
+    room = min(clearance(rows, edges, x, y, z) - keep_off, fence_room(fence, x, y) + SLACK)
     for b in range(blockers.shape[0]):
         d = scaled_distance(x - blockers[b, 0], y - blockers[b, 1], z - blockers[b, 2], blockers[b, 4])
         room = min(room, d - blockers[b, 3])
@@ -42,9 +45,17 @@ def room_at(
 
 
 @kernel
+def least_room(room: float, margin: float) -> float:
+    """Room asked for along a line with so much room at its ends: what there is, as far as the margin, but a little."""
+    least = min(room, margin) - STRIDE
+    return least if room < 0.0 else max(least, 0.0)
+
+
+@kernel
 def _line_is_free(
     rows: NDArray[np.float64],
     edges: NDArray[np.float64],
+    fence: NDArray[np.float64],
     blockers: NDArray[np.float64],
     keep_off: float,
     a: NDArray[np.float64],
@@ -57,7 +68,7 @@ def _line_is_free(
     while True:
         f = t / length if length > 0.0 else 0.0
         x, y, z = a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2])
-        room = room_at(rows, edges, blockers, keep_off, x, y, z) - least
+        room = room_at(rows, edges, fence, blockers, keep_off, x, y, z) - least
         if room < 0.0:
             return False
         if t >= length:
@@ -113,6 +124,7 @@ def _grow(keys: NDArray[np.float64], nodes: NDArray[np.int64]) -> tuple[NDArray[
 def _search(
     rows: NDArray[np.float64],
     edges: NDArray[np.float64],
+    fence: NDArray[np.float64],
     blockers: NDArray[np.float64],
     keep_off: float,
     low: NDArray[np.float64],
@@ -134,7 +146,7 @@ def _search(
 
     # every point of the grid near the start that it can go to straight away
     around = math.ceil(2.0 * margin / h) + 1
-    here = room_at(rows, edges, blockers, keep_off, start[0], start[1], start[2])
+    here = room_at(rows, edges, fence, blockers, keep_off, start[0], start[1], start[2])
     ci = round((start[0] - low[0]) / h)
     cj = round((start[1] - low[1]) / h)
     ck = round((start[2] - low[2]) / h)
@@ -144,9 +156,9 @@ def _search(
         for j in range(max(cj - around, 0), min(cj + around + 1, ny)):
             for k in range(max(ck - around, 0), min(ck + around + 1, nz)):
                 point[0], point[1], point[2] = low[0] + h * i, low[1] + h * j, low[2] + h * k
-                if room_at(rows, edges, blockers, keep_off, point[0], point[1], point[2]) < margin:
+                if room_at(rows, edges, fence, blockers, keep_off, point[0], point[1], point[2]) < margin:
                     continue
-                if not _line_is_free(rows, edges, blockers, keep_off, start, point, min(here, margin) - STRIDE):
+                if not _line_is_free(rows, edges, fence, blockers, keep_off, start, point, least_room(here, margin)):
                     continue
                 node = (i * ny + j) * nz + k
                 cost[node] = math.sqrt(
@@ -160,7 +172,7 @@ def _search(
                 _push(keys, nodes, size, cost[node] + ahead, node)
                 size += 1
 
-    there = room_at(rows, edges, blockers, keep_off, goal[0], goal[1], goal[2])
+    there = room_at(rows, edges, fence, blockers, keep_off, goal[0], goal[1], goal[2])
     close = h * (around + 1.0)
     found = -1
     while size > 0 and found < 0:
@@ -173,7 +185,9 @@ def _search(
         i, j, k = node // (ny * nz), (node // nz) % ny, node % nz
         last[0], last[1], last[2] = low[0] + h * i, low[1] + h * j, low[2] + h * k
         ahead = math.sqrt((last[0] - goal[0]) ** 2 + (last[1] - goal[1]) ** 2 + (last[2] - goal[2]) ** 2)
-        if ahead < close and _line_is_free(rows, edges, blockers, keep_off, last, goal, min(there, margin) - STRIDE):
+        if ahead < close and _line_is_free(
+            rows, edges, fence, blockers, keep_off, last, goal, least_room(there, margin)
+        ):
             found = node
             break
         for di in range(-1, 2):
@@ -187,7 +201,7 @@ def _search(
                         continue
                     x, y, z = low[0] + h * a, low[1] + h * b, low[2] + h * c
                     fresh = state[other] == UNKNOWN
-                    if fresh and room_at(rows, edges, blockers, keep_off, x, y, z) < margin:
+                    if fresh and room_at(rows, edges, fence, blockers, keep_off, x, y, z) < margin:
                         state[other] = TAKEN
                         continue
                     total = cost[node] + h * math.sqrt(float(di * di + dj * dj + dk * dk))
@@ -222,6 +236,7 @@ def _search(
 def _shorten(
     rows: NDArray[np.float64],
     edges: NDArray[np.float64],
+    fence: NDArray[np.float64],
     blockers: NDArray[np.float64],
     keep_off: float,
     margin: float,
@@ -233,12 +248,12 @@ def _shorten(
     here = start.copy()
     kept, k = 0, 0
     while k < count:
-        room = room_at(rows, edges, blockers, keep_off, here[0], here[1], here[2])
+        room = room_at(rows, edges, fence, blockers, keep_off, here[0], here[1], here[2])
         best = k
         for far in range(count - 1, k, -1):
-            there = room_at(rows, edges, blockers, keep_off, path[far, 0], path[far, 1], path[far, 2])
-            least = min(min(room, there), 0.5 * margin) - STRIDE
-            if _line_is_free(rows, edges, blockers, keep_off, here, path[far], least):
+            there = room_at(rows, edges, fence, blockers, keep_off, path[far, 0], path[far, 1], path[far, 2])
+            least = least_room(min(room, there), 0.5 * margin)
+            if _line_is_free(rows, edges, fence, blockers, keep_off, here, path[far], least):
                 best = far
                 break
         for c in range(3):
@@ -250,24 +265,34 @@ def _shorten(
 
 
 class Router:
-    """Plans ways around a set of obstacles.
+    """Plans ways around a set of obstacles, inside a fence.
 
     Parameters
     ----------
     obstacles : PackedObstacles
     floor, ceiling : float
         Altitudes between which a way leads, metres; start and goal may lie outside.
+    fence : array, shape (e, 4)
+        Edges that ways stay inside of, as from `covey.flight.fence.fence_of`.
     """
 
-    def __init__(self, obstacles: PackedObstacles, *, floor: float = -math.inf, ceiling: float = math.inf) -> None:
+    def __init__(
+        self,
+        obstacles: PackedObstacles,
+        *,
+        floor: float = -math.inf,
+        ceiling: float = math.inf,
+        fence: NDArray[np.float64] = OPEN,
+    ) -> None:
         self.obstacles = obstacles
+        self.fence = fence
         self.floor = floor
         self.ceiling = ceiling
 
     def room(self, point_W: NDArray[np.float64], keep_off: float, blockers: NDArray[np.float64] | None = None) -> float:
         """Room left at a point, metres, negative where it is too close to something; blockers as in `route`."""
         x, y, z = (float(value) for value in point_W)
-        return room_at(*self.obstacles, _table(blockers), float(keep_off), x, y, z)
+        return room_at(*self.obstacles, self.fence, _table(blockers), float(keep_off), x, y, z)
 
     def line_is_free(
         self,
@@ -278,7 +303,13 @@ class Router:
     ) -> bool:
         """Whether one can fly straight from a to b; blockers as in `route`."""
         return _line_is_free(
-            *self.obstacles, _table(blockers), float(keep_off), np.array(a_W, float), np.array(b_W, float), 0.0
+            *self.obstacles,
+            self.fence,
+            _table(blockers),
+            float(keep_off),
+            np.array(a_W, float),
+            np.array(b_W, float),
+            0.0,
         )
 
     def route(
@@ -323,10 +354,11 @@ class Router:
         """
         start, goal = np.array(start_W, dtype=np.float64), np.array(goal_W, dtype=np.float64)
         table, keep_off = _table(blockers), float(keep_off)
-        rows, edges = self.obstacles
-        if room_at(rows, edges, table, keep_off, float(goal[0]), float(goal[1]), float(goal[2])) < 0.0:
+        scene = *self.obstacles, self.fence
+        rows = self.obstacles.rows
+        if room_at(*scene, table, keep_off, float(goal[0]), float(goal[1]), float(goal[2])) < 0.0:
             return None
-        if _line_is_free(rows, edges, table, keep_off, start, goal, 0.0):
+        if _line_is_free(*scene, table, keep_off, start, goal, 0.0):
             return goal[np.newaxis]
         ends = np.vstack([start, goal])
         near = np.vstack([ends - 6.0 * keep_off, ends + 6.0 * keep_off])
@@ -335,6 +367,9 @@ class Router:
         pad = keep_off + 3.0 * wide
         if len(rows):
             far += [rows[:, 0:3] - pad, rows[:, 3:6] + pad]
+        if len(self.fence):
+            corners = np.column_stack([self.fence[:, :2], np.full(len(self.fence), start[2])])
+            far += [corners.min(axis=0, keepdims=True), corners.max(axis=0, keepdims=True)]
         if len(table):
             size = table[:, 3:4] * np.array([1.0, 1.0, 1.0]) + 3.0 * wide
             size[:, 2] *= table[:, 4]
@@ -356,9 +391,9 @@ class Router:
             below = np.floor((goal - low) / h + 1e-9) + np.array([1.0, 1.0, 0.0])
             above = np.floor((high - goal) / h + 1e-9) + np.array([1.0, 1.0, 0.0])
             shape = (below + above + 1.0).astype(np.int64)
-            path = _search(rows, edges, table, keep_off, goal - below * h, shape, h, margin, start, goal)
+            path = _search(*scene, table, keep_off, goal - below * h, shape, h, margin, start, goal)
             if len(path):
-                return path[: _shorten(rows, edges, table, keep_off, margin, start, path)].copy()
+                return path[: _shorten(*scene, table, keep_off, margin, start, path)].copy()
         return None
 
 

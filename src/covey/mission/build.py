@@ -16,7 +16,7 @@ from covey.environment.json_text import KeyPath, describe
 from covey.geometry import Pose2, Region
 from covey.mission.changes import ChangeSpec
 from covey.mission.changes_build import ChangeBuilder
-from covey.mission.flight_build import build_flight, check_room
+from covey.mission.flight_build import build_flight, check_room, check_starts
 from covey.mission.flight_schema import FlightSection
 from covey.mission.model import (
     AgentSpec,
@@ -247,6 +247,7 @@ class _Builder:
             path=path,
         )
         check_room(mission, self._report)
+        check_starts(mission, self._report)
         return mission
 
     def _sensor(self, section: SensorSection | None, path: KeyPath) -> SensorSpec | None:

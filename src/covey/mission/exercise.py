@@ -21,7 +21,7 @@ from covey.flight.parameters import VehicleParameters
 from covey.flight.reference_motion import ADVANCE as STALL_ADVANCE
 from covey.flight.separation import safe_speed
 from covey.mission.flight import NoiseSpec, WindSpec
-from covey.mission.load import MAX_BYTES, MAX_MISTAKES
+from covey.mission.load import MAX_BYTES, MAX_MISTAKES, holds_exercise
 
 Point = tuple[float, float, float]
 
@@ -308,9 +308,7 @@ def is_exercise(path: str | Path) -> bool:
     if "exercise" not in text:
         return False
     data = parse(text, FORMATS.get(path.suffix.lower(), "yaml"), str(path)).data
-    if isinstance(data, dict):
-        return "exercise" in data and "environment" not in data
-    return data is None and _KEY.search(text) is not None
+    return holds_exercise(data) or (data is None and _KEY.search(text) is not None)
 
 
 def exercise_schema() -> dict[str, Any]:

@@ -210,12 +210,12 @@ class FlightSpec:
         InputError
             If the vehicle's parameter file cannot be read.
         """
-        from covey.flight.navigation_options import NavigationOptions
-        from covey.flight.parameters import load_vehicle
-
         layers = self.layer_of(agents)
         if len(set(layers)) == agents:
             return None
+        from covey.flight.navigation_options import NavigationOptions
+        from covey.flight.parameters import load_vehicle
+
         vehicle = load_vehicle(self.vehicle)
         options = NavigationOptions.for_vehicle(vehicle)
         return Separation(options.separation + 2.0 * options.allowance, layers)

@@ -8,6 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from covey.environment.json_text import KeyPath
 from covey.errors import CoveyError
 from covey.mission.flight import Fault, FlightSpec, NoiseSpec, WindSpec
@@ -16,12 +19,14 @@ from covey.mission.report import Report, nearest, one_of
 
 if TYPE_CHECKING:
     from covey.flight.obstacles import Obstacle
+    from covey.flight.parameters import VehicleParameters
     from covey.mission.model import Mission
 
 ROOM_HINT = (
     "move their poses apart, raise ceiling_m or layers so that fewer share a layer, enlarge the region, "
     "or fly smaller vehicles"
 )
+START_HINT = "vehicles take off and land where their agents start: move the poses, or choose another flight.vehicle"
 CLOSE = 1e-6
 """Distances are compared up to this, metres."""
 
@@ -64,6 +69,7 @@ def build_flight(
         faults=tuple(sorted(faults, key=lambda fault: fault.at)),
         start_spacing=load_vehicle(vehicle).required_separation,
     )
+    _check_altitude(spec, report)
     _check_layers(spec, len(names), report)
     separation = spec.separation(len(names)) if names else None
     return spec if separation is None else replace(spec, start_spacing=separation.clear)
@@ -77,6 +83,62 @@ def check_room(mission: Mission, report: Report) -> None:
     close = separation.too_close([agent.pose for agent in mission.agents], separation.clear - CLOSE)
     if close:
         report.add(("flight",), crowded(mission, close), ROOM_HINT)
+
+
+def check_starts(mission: Mission, report: Report) -> None:
+    """Check that vehicles can take off where their agents start, if the mission says how it is flown, and rightly."""
+    if "flight" not in mission.source or report.inside(("flight",)):
+        return
+    for agent, message in bad_starts(mission):
+        drawn = mission.agents[agent].drawn
+        path: KeyPath = ("agents",) if drawn else ("agents", agent, "pose")
+        report.add(path, message, START_HINT)
+
+
+def bad_starts(mission: Mission) -> list[tuple[int, str]]:
+    """Return each agent whose vehicle cannot start where it is to, and why: another one or an obstacle is too close.
+
+    Raises
+    ------
+    InputError
+        If the vehicle's parameter file cannot be read.
+    """
+    from covey.flight.parameters import load_vehicle
+
+    agents, spec = mission.agents, mission.flight
+    vehicle = load_vehicle(spec.vehicle)
+    needed = vehicle.required_separation
+    poses = np.array([agent.pose.position_W for agent in agents])
+    found = []
+    for i, agent in enumerate(agents[1:], start=1):
+        away = np.hypot(*(poses[:i] - poses[i]).T)
+        found += [
+            (
+                i,
+                f"{agents[j].name} and {agent.name} start {d:.2f} m apart, expected at least {needed:.2f} m",
+            )
+            for j, d in enumerate(away)
+            if d < needed
+        ]
+    return found + _obstructed(mission, vehicle, poses)
+
+
+def _obstructed(mission: Mission, vehicle: VehicleParameters, poses_W: NDArray[np.float64]) -> list[tuple[int, str]]:
+    """Return each agent whose vehicle an obstacle keeps from rising to its altitude, and why."""
+    spec = mission.flight
+    if not spec.obstacles:
+        return []
+    from covey.flight.obstacles import pack
+    from covey.flight.route import Router
+
+    keep_off = vehicle.keep_off
+    router = Router(pack(spec.obstacles))
+    found = []
+    for i, (agent, altitude) in enumerate(zip(mission.agents, spec.altitudes(len(mission.agents)), strict=True)):
+        if not router.line_is_free(np.array([*poses_W[i], 0.0]), np.array([*poses_W[i], altitude]), keep_off):
+            what = f"expected room to rise to {altitude:.3g} m at least {keep_off:.2f} m away from obstacles"
+            found.append((i, f"{what}; one is in {agent.name}'s way"))
+    return found
 
 
 def crowded(mission: Mission, close: Sequence[tuple[int, int, float]]) -> str:
@@ -95,13 +157,21 @@ def crowded(mission: Mission, close: Sequence[tuple[int, int, float]]) -> str:
 
 def _check_speed(section: FlightSection, vehicle: str, report: Report) -> None:
     """Check that vehicles this fast can still keep apart (P4)."""
-    from covey.flight.navigation_options import NavigationOptions
+    from covey.flight.navigation_options import NavigationOptions, fastest
     from covey.flight.parameters import load_vehicle
 
+    path: KeyPath = ("flight", "max_speed_m_s")
+    parameters = load_vehicle(vehicle)
+    most, asked = fastest(parameters), section.max_speed_m_s
+    if asked is not None and asked > most:
+        shown = math.floor(100.0 * most) / 100.0
+        message = f"{parameters.name} vehicles could not keep apart at this speed: expected at most {shown:.2f} m/s"
+        report.add(path, f"{message}, got {asked:g}")
+        return
     try:
-        NavigationOptions.for_vehicle(load_vehicle(vehicle), max_speed=section.max_speed_m_s)
+        NavigationOptions.for_vehicle(parameters, max_speed=asked)
     except CoveyError as error:
-        report.add(("flight", "max_speed_m_s"), f"vehicles could not keep apart at this speed: {error}")
+        report.add(path, f"vehicles could not keep apart at this speed: {error}")
 
 
 def _vehicle(name: str, report: Report, folder: Path) -> str | None:
@@ -131,6 +201,12 @@ def build_obstacle(section: ObstacleSection, path: KeyPath, report: Report) -> O
     given = [key for key in ("sphere", "box", "prism") if getattr(section, key) is not None]
     if len(given) != 1:
         report.add(path, f"expected exactly one of sphere, box, prism, got {', '.join(given) or 'none'}")
+        return None
+    shape = section.box or section.prism
+    empty = [key for key in ("x_m", "y_m", "z_m") if (side := getattr(shape, key, None)) and side[0] >= side[1]]
+    if empty:
+        shown = ", ".join(f"{key} [{low:g}, {high:g}]" for key in empty for low, high in [getattr(shape, key)])
+        report.add((*path, given[0]), f"expected min < max, got {shown}")
         return None
     try:
         if section.sphere is not None:
@@ -170,6 +246,18 @@ def _faults(section: FlightSection, names: Sequence[str], report: Report) -> lis
             if obstacle is not None:
                 faults.append(Fault(fault.at_s, obstacle=obstacle))
     return faults
+
+
+def _check_altitude(spec: FlightSpec, report: Report) -> None:
+    """Check that vehicles fly higher than what counts as on the ground, and than they need room for."""
+    from covey.flight.layout import ON_GROUND
+    from covey.flight.parameters import load_vehicle
+
+    vehicle = load_vehicle(spec.vehicle)
+    least = max(ON_GROUND, vehicle.keep_off)
+    if spec.altitude <= least:
+        message = f"expected more than {least:.2f} m for {vehicle.name}, got {spec.altitude:g}"
+        report.add(("flight", "altitude_m"), message, "lower vehicles count as on the ground")
 
 
 def _check_layers(spec: FlightSpec, agents: int, report: Report) -> None:

@@ -113,6 +113,11 @@ def mission_schema() -> dict[str, Any]:
     return json_schema()
 
 
+def holds_exercise(data: object) -> bool:
+    """Whether the content of a file is an exercise and no mission."""
+    return isinstance(data, dict) and "exercise" in data and "environment" not in data
+
+
 def _mission(text: str, syntax: str, *, source: str, folder: Path, path: Path | None, seed: int | None) -> Mission:
     from covey.mission.build import build
     from covey.mission.document import parse
@@ -123,7 +128,9 @@ def _mission(text: str, syntax: str, *, source: str, folder: Path, path: Path | 
     document = parse(text, syntax, source)
     report = Report(source, document)
     mission = None
-    if document.data is not None or not document.mistakes:
+    if holds_exercise(document.data):
+        report.add(("exercise",), "expected a mission, got an exercise", "`covey fly` flies it")
+    elif document.data is not None or not document.mistakes:
         mission = build(document.data, report, folder=folder, path=path, seed=seed)
     if mission is None or report.mistakes:
         raise MissionError(_limited(report.in_order(), source))

@@ -1,7 +1,7 @@
-"""Local ascent of one or several agents at once, compiled.
+"""Local ascent of several agents at once, compiled; `covey.optimize.pose_ascent` is the same for one.
 
 The objective of m agents that share their landmarks freely is ``sum_k w_k max(0, max_i vis_i(A_i, s_k) - lambda_k)``;
-with one agent it is the pose problem, with two the joint problem of a pairwise trade.  It is smooth but for kinks (a
+with two it is the joint problem of a pairwise trade.  It is smooth but for kinks (a
 landmark that changes hands, one at exactly the optimal distance), and its best poses often lie on such kinks.  BFGS
 with a weak Wolfe line search is the method of choice there (Lewis and Overton, *Nonsmooth optimization via quasi-Newton
 methods*, Mathematical Programming 141, 2013).
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from covey.compiled import fast_kernel, kernel
 from covey.geometry import polygon
-from covey.sensing.kernels import ISOTROPIC, ORIENTED, gain_gradient, visibility_gradients
+from covey.sensing.kernels import ISOTROPIC, ORIENTED, visibility_gradients
 
 SHAKES = 4
 SHAKE = 0.03
@@ -175,17 +175,11 @@ def objective(
             penalty += (
                 math.hypot(x[3 * i] * scales[i] - poses[i, 0], x[3 * i + 1] * scales[i] - poses[i, 1]) / scales[i]
             )
-    if m > 1:
-        for i in range(m):
-            visibility_gradients(
-                kinds[i], landmarks, 1.0 / scales[i], poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], seen[i]
-            )
-    if m == 1:
-        total = gain_gradient(
-            kinds[0], landmarks, 1.0 / scales[0], poses[0, 0], poses[0, 1], poses[0, 3], poses[0, 4], gradient
+    for i in range(m):
+        visibility_gradients(
+            kinds[i], landmarks, 1.0 / scales[i], poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4], seen[i]
         )
-    else:
-        total = _share(landmarks, seen, owners, gradient)
+    total = _share(landmarks, seen, owners, gradient)
     if pushed:
         _pull_back(scales, spacing, x, poses, gradient)
     elif penalty > 0.0:

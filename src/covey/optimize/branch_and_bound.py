@@ -3,8 +3,9 @@
 The bound of a box comes from `sensing.kernels.linear_bounds`: each landmark's part is at most the positive part of a
 function that is linear in the offset from the box's centre and linear in the heading vector.  A sum of positive parts
 of linear functions is convex, so over the box it is largest at one of its four corners, and over an arc of headings it
-is bounded by its values at both ends.  Eight plain sums bound a box, and the overestimate falls with the square of its
-size, so the number of boxes grows with the logarithm of the tolerance only.
+is bounded by its values at both ends.  The headings of a box are a row of arcs, of which neighbours share an end, so
+four plain sums bound an arc.  Arcs at the ends of the row that cannot hold the best pose are dropped.  The overestimate
+falls with the square of the size, so the number of boxes grows with the logarithm of the tolerance only.
 """
 
 from __future__ import annotations
@@ -20,23 +21,31 @@ from covey.compiled import fast_kernel, kernel
 from covey.errors import ArgumentError
 from covey.geometry import Pose2
 from covey.optimize import blackbox
-from covey.optimize.ascent import ascend, contains_point, nearest_on_edges, pose_value
+from covey.optimize.ascent import contains_point, nearest_on_edges, pose_value
 from covey.optimize.base import PoseProblem, PoseResult, Status
 from covey.optimize.packing import landmark_columns
-from covey.optimize.search import POLISH, Search
+from covey.optimize.pose_ascent import POLISH, STATE, STRIDE, begin, climb, settle
+from covey.optimize.search import PRECISION, Search
 from covey.sensing.base import is_compiled
-from covey.sensing.kernels import ISOTROPIC, ORIENTED, linear_bounds
+from covey.sensing.kernels import ANISOTROPIC, ISOTROPIC, ORIENTED, linear_bounds
 
 CUT = 3.0
-"""The heading of a box is cut when half its arc, radians, is more than this times half its longer side."""
+"""The arcs of a box are halved when half an arc, radians, is more than this times half its longer side."""
 
 SMALLEST = 1e-10
 """Boxes smaller than this times the region are not cut."""
 
-BRIEF = Search(anchors=32, starts=8, keep=2)
+BRIEF = Search(anchors=32, starts=8, rounds=((8, 4), (14, 1)))
 """What looks for a better pose before the proof of one that is known; the proof itself finds what is left."""
 
-SECTORS = 8
+CIRCLE = 8
+MOST_ARCS = 16
+"""How many arcs the circle is at first, and how many the row of a box may have."""
+
+BOX = 8
+PSI, HALF_ARC, ARCS, BOUND = range(4, BOX)
+"""Numbers of a box, after its position and half sizes; see `_branch`."""
+
 STACK = 20_000
 CHUNK = 20_000_000
 """Boxes times landmarks between two looks at whether to go on."""
@@ -61,6 +70,30 @@ def _corner_sums(lines: NDArray[np.float64], tx: float, ty: float, c: float) -> 
 
 
 @fast_kernel
+def _level_corner_sums(lines: NDArray[np.float64], tx: float, ty: float, c: float) -> tuple[float, float, float, float]:
+    """Return `_corner_sums` where the constants do not change with the offset."""
+    pp = pm = mp = mm = 0.0
+    for k in range(lines.shape[1]):
+        centre = lines[0, k] * tx + lines[1, k] * ty + _constant(lines[2, k], c)
+        ex = lines[3, k] * tx + lines[4, k] * ty
+        ey = lines[6, k] * tx + lines[7, k] * ty
+        plus = centre + ex
+        minus = centre - ex
+        pp += max(0.0, plus + ey)
+        pm += max(0.0, plus - ey)
+        mp += max(0.0, minus + ey)
+        mm += max(0.0, minus - ey)
+    return pp, pm, mp, mm
+
+
+@kernel
+def _sums(kind: int, lines: NDArray[np.float64], tx: float, ty: float, c: float) -> tuple[float, float, float, float]:
+    if kind == ANISOTROPIC:
+        return _level_corner_sums(lines, tx, ty, c)
+    return _corner_sums(lines, tx, ty, c)
+
+
+@fast_kernel
 def _constant(level: float, c: float) -> float:
     """Raise a constant so far that it holds when both ends of the arc are added up with factors of 1 to 1/c in all."""
     return max(level, c * level)
@@ -77,43 +110,98 @@ def _arc(first: float, last: float, c: float, s: float) -> float:
     change = abs(last - first)
     if change * c * c >= total * s * s:
         return max(first, last)
-    return 0.5 * math.hypot(total / c, change / s)
+    a, b = total / c, change / s
+    return 0.5 * math.sqrt(a * a + b * b)
 
 
 @kernel
-def _box_bound(
+def _bound_arcs(
     kind: int,
     columns: NDArray[np.float64],
     box: NDArray[np.float64],
-    target: float,
     vertices: NDArray[np.float64],
     lines: NDArray[np.float64],
-) -> tuple[float, bool]:
-    """Upper bound over a box (x, y, heading and their half sizes), and whether its heading is the side to cut.
-
-    A bound above `target` may come before all of the box is looked at only where the box is kept anyway.
-    """
-    psi, width = box[2], box[5]
-    if kind == ORIENTED:
-        vertices[0, 0], vertices[0, 1] = math.cos(psi - width), math.sin(psi - width)
-        vertices[1, 0], vertices[1, 1] = math.cos(psi + width), math.sin(psi + width)
-        outer = 1.0 / math.cos(width)
-        vertices[2, 0], vertices[2, 1] = outer * math.cos(psi), outer * math.sin(psi)
-        psi, width = 2.0 * psi, 2.0 * width
-    linear_bounds(kind, columns, box[0], box[1], box[3], box[4], vertices, lines)
+    bounds: NDArray[np.float64],
+) -> None:
+    """Fill an upper bound over each arc of a box; see `_branch`."""
     if kind == ISOTROPIC:
+        linear_bounds(kind, columns, box[0], box[1], box[2], box[3], vertices, lines)
         corners = _corner_sums(lines, 0.0, 0.0, 1.0)
-        return max(max(corners[0], corners[1]), max(corners[2], corners[3])), False
-    c, s = math.cos(width), math.sin(width)
-    first = _corner_sums(lines, math.cos(psi - width), math.sin(psi - width), c)
-    bound = max(max(first[0], first[1]), max(first[2], first[3]))
-    turned = width > CUT * max(box[3], box[4])
-    if bound > target:
-        return math.inf, turned
-    last = _corner_sums(lines, math.cos(psi + width), math.sin(psi + width), c)
-    for corner in range(4):
-        bound = max(bound, _arc(first[corner], last[corner], c, s))
-    return bound, turned
+        for arc in range(int(box[ARCS])):
+            bounds[arc] = max(max(corners[0], corners[1]), max(corners[2], corners[3]))
+        return
+    width = box[HALF_ARC]
+    turn = 2.0 if kind == ORIENTED else 1.0
+    c, s = math.cos(turn * width), math.sin(turn * width)
+    first = (0.0, 0.0, 0.0, 0.0)
+    for arc in range(int(box[ARCS])):
+        begins = box[PSI] + 2.0 * width * arc
+        ends = box[PSI] + 2.0 * width * (arc + 1)
+        if kind == ORIENTED:
+            middle, outer = begins + width, 1.0 / math.cos(width)
+            vertices[0, 0], vertices[0, 1] = math.cos(begins), math.sin(begins)
+            vertices[1, 0], vertices[1, 1] = math.cos(ends), math.sin(ends)
+            vertices[2, 0], vertices[2, 1] = outer * math.cos(middle), outer * math.sin(middle)
+        if kind == ORIENTED or arc == 0:
+            linear_bounds(kind, columns, box[0], box[1], box[2], box[3], vertices, lines)
+            first = _sums(kind, lines, math.cos(turn * begins), math.sin(turn * begins), c)
+        last = _sums(kind, lines, math.cos(turn * ends), math.sin(turn * ends), c)
+        bounds[arc] = 0.0
+        for corner in range(4):
+            bounds[arc] = max(bounds[arc], _arc(first[corner], last[corner], c, s))
+        first = last
+
+
+@kernel
+def _drop_arcs(box: NDArray[np.float64], bounds: NDArray[np.float64], target: float) -> float:
+    """Drop the arcs at the ends of a box's row whose bound is at most `target`; return the highest bound of these."""
+    arcs = int(box[ARCS])
+    first, longest = 0, 0
+    if arcs * box[HALF_ARC] > math.pi - 1e-9:
+        # all the circle: the row may begin anywhere, so after the longest run of arcs to drop
+        run = 0
+        for arc in range(2 * arcs):
+            if bounds[arc % arcs] <= target:
+                run += 1
+            else:
+                if longest < run:
+                    first, longest = arc % arcs, run
+                run = 0
+    last = first + arcs - 1
+    dropped = -math.inf
+    while last >= first and bounds[first % arcs] <= target:
+        dropped = max(dropped, bounds[first % arcs])
+        first += 1
+    while last >= first and bounds[last % arcs] <= target:
+        dropped = max(dropped, bounds[last % arcs])
+        last -= 1
+    box[PSI] += 2.0 * box[HALF_ARC] * first
+    box[ARCS] = last + 1 - first
+    return dropped
+
+
+@kernel
+def _cut(kind: int, box: NDArray[np.float64], children: NDArray[np.float64]) -> int:
+    """Fill what a box is cut into, by position or by heading as CUT says, shape (2, BOX), and return how many."""
+    for j in range(BOX):
+        children[0, j] = children[1, j] = box[j]
+    arcs = box[ARCS]
+    if kind == ISOTROPIC or box[HALF_ARC] <= CUT * max(box[2], box[3]):
+        axis = 0 if box[2] >= box[3] else 1
+        half = 0.5 * box[2 + axis]
+        children[0, axis] -= half
+        children[1, axis] += half
+        children[0, 2 + axis] = children[1, 2 + axis] = half
+        return 2
+    if 2.0 * arcs > MOST_ARCS:
+        half = arcs // 2
+        children[0, ARCS] = half
+        children[1, ARCS] = arcs - half
+        children[1, PSI] += 2.0 * box[HALF_ARC] * half
+        return 2
+    children[0, HALF_ARC] *= 0.5
+    children[0, ARCS] *= 2.0
+    return 1
 
 
 @kernel
@@ -128,11 +216,10 @@ def _branch(
     stack: NDArray[np.float64],
     top: int,
     closed: float,
-    polish: int,
     rounding: float,
     smallest: float,
 ) -> tuple[int, float, int]:
-    """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of a closed one, bounds).
+    """Cut boxes from the top of the stack, at most `limit`: (boxes left, highest bound of what is closed, bounds).
 
     Parameters
     ----------
@@ -142,75 +229,71 @@ def _branch(
         The region's edges and those just inside it, in optimal distances.
     best : array, shape (4,)
         Incumbent: value, x, y, heading; improved in place.
-    stack : array, shape (STACK, 8)
-        Open boxes: x, y, heading, their half sizes, bound, whether the heading is cut next.
+    stack : array, shape (STACK, BOX)
+        Open boxes: x, y, their half sizes, the heading where the row of arcs begins, half an arc, how many arcs, and an
+        upper bound.
     closed : float
-        Highest bound of a box closed so far.
+        Highest bound of a box or an arc closed so far.
     rounding : float
         What is added to every bound.
     smallest : float
         Half size of a box, optimal distances and radians, that is not cut any more: rounding is all that is left.
     """
-    bounds = 0
-    n = columns.shape[1]
-    lines = np.empty((9, n))
+    evaluations = 0
+    lines = np.empty((9, columns.shape[1]))
     vertices = np.empty((3, 2))
-    kinds = np.zeros(1, dtype=np.int64)
-    kinds[0] = kind
-    scales = np.ones(1)
-    offsets = np.zeros(2, dtype=np.int64)
-    offsets[1] = inset.shape[0]
-    start = np.empty((1, 3))
-    box = np.empty(8)
-    parent = np.empty(8)
+    bounds = np.empty(MOST_ARCS)
+    children = np.empty((2, BOX))
+    pose = np.empty(3)
+    state = np.empty(STATE)
     while top > 0 and limit > 0 and top < stack.shape[0] - 2:
         limit -= 1
         top -= 1
-        bound = stack[top, 6]
-        if bound <= best[0] + tolerance:
-            closed = max(closed, bound)
+        if stack[top, BOUND] <= best[0] + tolerance:
+            closed = max(closed, stack[top, BOUND])
             continue
-        for j in range(8):
-            parent[j] = stack[top, j]
         first = top
-        for side in (-1.0, 1.0):
-            for j in range(8):
-                box[j] = parent[j]
-            j = 2 if parent[7] > 0.0 else (0 if parent[3] >= parent[4] else 1)
-            box[j + 3] *= 0.5
-            box[j] += side * box[j + 3]
+        for i in range(_cut(kind, stack[top], children)):
+            box = children[i]
             x, y = box[0], box[1]
             if not contains_point(edges, x, y):
                 qx, qy, _, _ = nearest_on_edges(edges, x, y)
-                if math.hypot(qx - x, qy - y) > math.hypot(box[3], box[4]) + 1e-9:
+                if math.hypot(qx - x, qy - y) > math.hypot(box[2], box[3]) + 1e-9:
                     continue  # no point of the box is in the region
-            child, turn = _box_bound(kind, columns, box, best[0] + tolerance, vertices, lines)
-            bounds += 1
-            child = min(child + rounding, bound)
-            if max(box[3], box[4]) < smallest and (kind == ISOTROPIC or box[5] < smallest):
-                child, _ = _box_bound(kind, columns, box, math.inf, vertices, lines)
-                closed = max(closed, min(child + rounding, bound))
+            arcs = int(box[ARCS])
+            _bound_arcs(kind, columns, box, vertices, lines, bounds)
+            evaluations += arcs
+            likely = 0
+            for arc in range(arcs):
+                bounds[arc] = min(bounds[arc] + rounding, box[BOUND])
+                if bounds[arc] > bounds[likely]:
+                    likely = arc
+            box[BOUND] = bounds[likely]
+            heading = box[PSI] + box[HALF_ARC] * (2.0 * likely + 1.0)
+            closed = max(closed, _drop_arcs(box, bounds, best[0] + tolerance))
+            if box[ARCS] == 0.0:
                 continue
-            if child <= best[0] + tolerance:
-                closed = max(closed, child)
+            if max(box[2], box[3]) < smallest and (kind == ISOTROPIC or box[HALF_ARC] < smallest):
+                closed = max(closed, box[BOUND])
                 continue
             if not contains_point(inset, x, y):
                 x, y, _, _ = nearest_on_edges(inset, x, y)
-            value = pose_value(kind, columns, 1.0, x, y, math.cos(box[2]), math.sin(box[2]))
+            value = pose_value(kind, columns, 1.0, x, y, math.cos(heading), math.sin(heading))
             if value > best[0]:
-                start[0, 0], start[0, 1], start[0, 2] = x, y, box[2]
-                value, pose, _ = ascend(kinds, scales, columns, inset, offsets, 0.0, start, polish, 1e-10)
+                pose[0], pose[1], pose[2] = x, y, heading
+                begin(kind, columns, 1.0, inset, pose, STRIDE, state)
+                climb(kind, columns, 1.0, inset, state, POLISH, PRECISION)
+                value = settle(1.0, inset, state, pose)
                 if value > best[0]:
-                    best[0], best[1], best[2], best[3] = value, pose[0, 0], pose[0, 1], pose[0, 2]
-            for j in range(6):
+                    best[0] = value
+                    best[1], best[2], best[3] = pose[0], pose[1], pose[2]
+            for j in range(BOX):
                 stack[top, j] = box[j]
-            stack[top, 6] = child
-            stack[top, 7] = 1.0 if turn else 0.0
             top += 1
-        if top == first + 2 and stack[first, 6] > stack[first + 1, 6]:
-            for j in range(8):
+        if top == first + 2 and stack[first, BOUND] > stack[first + 1, BOUND]:
+            for j in range(BOX):
                 stack[first, j], stack[first + 1, j] = stack[first + 1, j], stack[first, j]
-    return top, closed, bounds
+    return top, closed, evaluations
 
 
 @dataclass(frozen=True)
@@ -274,16 +357,14 @@ class Exact:
         edges = (problem.region.edges - np.tile(middle, 2)) / unit
         inset = (problem.region.inset_edges - np.tile(middle, 2)) / unit
         best = np.array([known.score, *((known.pose.position_W - middle) / unit), known.pose.yaw])
-        stack = np.zeros((STACK, 8))
-        sectors = 1 if kind == ISOTROPIC else SECTORS
+        stack = np.zeros((STACK, BOX))
+        arcs = 1 if kind == ISOTROPIC else CIRCLE
         everything = float(columns[4] @ np.maximum(0.0, model.maximum - columns[5]))
         size = 1.0 + width + height
         rounding = 1e-15 * (100.0 + size + columns.shape[1]) * everything
         working = max(tolerance, 50.0 * rounding)
-        for sector in range(sectors):
-            arc = math.pi / sectors
-            stack[sector] = (0.0, 0.0, -math.pi + (2 * sector + 1) * arc, width, height, arc, everything, 0.0)
-        top, closed, evaluations = sectors, -math.inf, known.evaluations
+        stack[0] = (0.0, 0.0, width, height, -math.pi, math.pi / arcs, arcs, everything)
+        top, closed, evaluations = 1, -math.inf, known.evaluations
         budget = self.limit
         while top > 0 and budget > 0 and top < STACK - 2 and not (self.cancelled and self.cancelled()):
             chunk = min(budget, max(50, CHUNK // max(1, len(problem.landmarks))))
@@ -298,7 +379,6 @@ class Exact:
                 stack,
                 top,
                 closed,
-                POLISH,
                 rounding,
                 SMALLEST * size,
             )
@@ -308,9 +388,6 @@ class Exact:
         if best[0] > known.score:
             pose = Pose2(best[1] * unit + middle[0], best[2] * unit + middle[1], best[3])
         score = problem.score(pose)
-        # a box that is kept is not bounded to the end; those that are left here are
-        vertices, lines = np.empty((3, 2)), np.empty((9, columns.shape[1]))
-        left = [min(box[6], _box_bound(kind, columns, box, math.inf, vertices, lines)[0]) for box in stack[:top]]
-        upper = max(score, closed, max(left, default=-math.inf) + rounding)
+        upper = max(score, closed, float(stack[:top, BOUND].max(initial=-math.inf)))
         proved = upper <= score + tolerance + rounding
         return PoseResult(pose, score, upper, Status.PROVED if proved else Status.BUDGET, evaluations)

@@ -22,7 +22,8 @@ from covey.optimize import blackbox
 from covey.optimize.ascent import climb_all, pose_values
 from covey.optimize.base import PoseProblem
 from covey.optimize.packing import landmark_columns
-from covey.optimize.search import POLISH, candidate_poses, spread
+from covey.optimize.pose_ascent import POLISH
+from covey.optimize.search import candidate_poses, spread
 from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 from covey.sensing.kernels import visibility_gradients
 

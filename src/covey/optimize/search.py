@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from covey.compiled import kernel
 from covey.geometry import Pose2, Region
 from covey.optimize import blackbox
-from covey.optimize.ascent import climb_all, contains_point, nearest_on_edges, pose_values
+from covey.optimize.ascent import contains_point, nearest_on_edges, pose_value, pose_values
 from covey.optimize.base import PoseProblem, PoseResult
 from covey.optimize.packing import landmark_columns
+from covey.optimize.pose_ascent import summit
 from covey.sensing.base import is_compiled
+from covey.sensing.kernels import ANISOTROPIC, best_turn
 
-CLIMB = 22
-POLISH = 500
-"""Evaluations for a first climb from a start, and for the last one from the best of them."""
+PRECISION = 1e-10
+"""What three steps gain at least, where a climb goes on; see `covey.optimize.pose_ascent.climb`."""
 
 POOL = 8
 """How many candidates are looked at for each start."""
@@ -99,18 +100,25 @@ def _into_region(poses: NDArray[np.float64], edges: NDArray[np.float64]) -> None
 
 def spread(poses: NDArray[np.float64], values: NDArray[np.float64], unit: float, count: int) -> NDArray[np.int64]:
     """Indices of the best poses that are not near a better one: at most `count`."""
-    order = np.arange(len(values))
-    if len(values) > POOL * count:
-        order = np.flatnonzero(values >= np.partition(values, -POOL * count)[-POOL * count])
-    order = order[np.argsort(-values[order], kind="stable")]
     chosen = np.empty(count, dtype=np.int64)
-    return chosen[: _spread(poses, order, 1.0 / unit, chosen)]
+    return chosen[: _spread(poses, values, 1.0 / unit, chosen)]
 
 
 @kernel
-def _spread(poses: NDArray[np.float64], order: NDArray[np.int64], inverse: float, chosen: NDArray[np.int64]) -> int:
+def _spread(poses: NDArray[np.float64], values: NDArray[np.float64], inverse: float, chosen: NDArray[np.int64]) -> int:
+    size = values.shape[0]
+    heap = np.empty(size, dtype=np.int64)
+    for i in range(size):
+        heap[i] = i
+    for i in range(size // 2 - 1, -1, -1):
+        _sink(heap, values, i, size)
     found = 0
-    for i in order:
+    least = max(0, size - POOL * chosen.shape[0])
+    while size > least and found < chosen.shape[0]:
+        i = heap[0]
+        size -= 1
+        heap[0] = heap[size]
+        _sink(heap, values, 0, size)
         near = False
         for c in range(found):
             j = chosen[c]
@@ -125,9 +133,86 @@ def _spread(poses: NDArray[np.float64], order: NDArray[np.int64], inverse: float
         if not near:
             chosen[found] = i
             found += 1
-            if found == chosen.shape[0]:
-                break
     return found
+
+
+@kernel
+def _sink(heap: NDArray[np.int64], values: NDArray[np.float64], i: int, size: int) -> None:
+    """Let the i-th of a heap of indices, that of the largest value on top, sink to its place."""
+    sunk = heap[i]
+    child = 2 * i + 1
+    while child < size:
+        if child + 1 < size and values[heap[child + 1]] > values[heap[child]]:
+            child += 1
+        if values[heap[child]] <= values[sunk]:
+            break
+        heap[i] = heap[child]
+        i = child
+        child = 2 * i + 1
+    heap[i] = sunk
+
+
+@kernel
+def _score_turned(
+    columns: NDArray[np.float64],
+    unit: float,
+    poses: NDArray[np.float64],
+    values: NDArray[np.float64],
+    turns: NDArray[np.float64],
+) -> None:
+    """Fill what each pose is worth when it turns to what it sees, at least, and the tangent of that turn."""
+    x0, y0 = columns[0, 0], columns[1, 0]  # single precision reaches far enough from here, not from any origin
+    landmarks = np.empty(columns.shape, dtype=np.float32)
+    for k in range(columns.shape[1]):
+        landmarks[0, k], landmarks[1, k] = columns[0, k] - x0, columns[1, k] - y0
+        for row in range(2, columns.shape[0]):
+            landmarks[row, k] = columns[row, k]
+    inverse = np.float32(1.0 / unit)
+    for i in range(poses.shape[0]):
+        c, s = np.float32(math.cos(poses[i, 2])), np.float32(math.sin(poses[i, 2]))
+        px, py = np.float32(poses[i, 0] - x0), np.float32(poses[i, 1] - y0)
+        ahead, across, values[i] = best_turn(landmarks, inverse, px, py, c, s)
+        turns[i] = across / ahead if ahead > 0.0 else 0.0
+
+
+@kernel
+def _search(
+    kind: int,
+    columns: NDArray[np.float64],
+    unit: float,
+    edges: NDArray[np.float64],
+    draws: NDArray[np.float64],
+    count: int,
+    start: NDArray[np.float64],
+    rounds: NDArray[np.int64],
+    best: NDArray[np.float64],
+) -> tuple[float, float, int]:
+    """Climb from `count` candidates and from the starts, shape (s, 3), and fill the best pose.
+
+    Returns its value, the best value of a start, and the evaluations.
+    """
+    poses = np.empty((draws.shape[0] * HEADINGS, 3))
+    _candidates(columns, edges, unit, draws, poses)
+    values = np.empty(poses.shape[0])
+    turns = np.zeros(poses.shape[0])
+    if kind == ANISOTROPIC:
+        _score_turned(columns, unit, poses, values, turns)
+    else:
+        pose_values(kind, columns, 1.0 / unit, poses, values)
+    chosen = np.empty(count, dtype=np.int64)
+    found = _spread(poses, values, 1.0 / unit, chosen)
+    starts = np.empty((found + start.shape[0], 3))
+    for i in range(found):
+        starts[i, 0], starts[i, 1] = poses[chosen[i], 0], poses[chosen[i], 1]
+        starts[i, 2] = poses[chosen[i], 2] + math.atan(turns[chosen[i]])
+    known = -math.inf
+    for i in range(start.shape[0]):
+        for j in range(3):
+            starts[found + i, j] = start[i, j]
+        c, s = math.cos(start[i, 2]), math.sin(start[i, 2])
+        known = max(known, pose_value(kind, columns, 1.0 / unit, start[i, 0], start[i, 1], c, s))
+    value, evaluations = summit(kind, columns, unit, edges, starts, rounds, PRECISION, best)
+    return value, known, evaluations + poses.shape[0]
 
 
 @dataclass(frozen=True)
@@ -140,8 +225,8 @@ class Search:
         How many landmarks the candidates look at.
     starts : int
         From how many candidates it climbs.
-    keep : int
-        How many of those are climbed to the end.
+    rounds : tuple of (int, int)
+        Evaluations a climb in each round, and how many climbs go on after it; what is left is climbed to the end.
 
     Notes
     -----
@@ -151,7 +236,7 @@ class Search:
 
     anchors: int = 100
     starts: int = 40
-    keep: int = 5
+    rounds: tuple[tuple[int, int], ...] = ((8, 16), (8, 6), (14, 2))
     name: str = "search"
 
     def maximize(
@@ -166,35 +251,23 @@ class Search:
         model, region = problem.model, problem.region
         if not is_compiled(model):
             return blackbox.search(problem, start=start, rng=rng)
-        unit = model.optimal_distance
-        columns = landmark_columns(problem.landmarks, problem.thresholds)
-        candidates = candidate_poses(columns, region, unit, self.anchors, rng=rng)
-        if start is not None:
-            candidates = np.concatenate([candidates, start.as_array()[None, :]])
-        if not len(candidates):
-            candidates = np.array([[*region.sample(1, rng=rng)[0], 0.0]])
-        values = np.empty(len(candidates))
-        pose_values(int(model.kernel), columns, 1.0 / unit, candidates, values)
-        chosen = spread(candidates, values, unit, self.starts)
-        if start is not None:
-            chosen = np.append(chosen, len(candidates) - 1)
-        starts = candidates[chosen]
-        _, poses, evaluations = climb_all(
-            np.array([int(model.kernel)]),
-            np.array([unit]),
-            columns,
+        if not len(problem.landmarks):
+            return PoseResult(start or Pose2.from_array([*region.sample(1, rng=rng)[0], 0.0]), 0.0)
+        best = np.empty(3)
+        value, known, evaluations = _search(
+            int(model.kernel),
+            landmark_columns(problem.landmarks, problem.thresholds),
+            model.optimal_distance,
             region.inset_edges,
-            np.array([0, len(region.inset_edges)]),
-            0.0,
-            starts[:, None, :],
-            CLIMB,
-            self.keep,
-            POLISH,
-            1e-10,
+            rng.random((self.anchors, HEADINGS + 2)),
+            self.starts,
+            np.empty((0, 3)) if start is None else start.as_array()[None, :],
+            np.array(self.rounds),
+            best,
         )
-        pose = Pose2.from_array(poses[0])
+        pose = Pose2.from_array(best)
         score = problem.score(pose)
         # the start's value is known up to rounding
-        if start is not None and score - values[-1] < ROUNDING * max(1.0, score) and problem.score(start) >= score:
+        if start is not None and value - known < ROUNDING * max(1.0, score) and problem.score(start) >= score:
             pose, score = start, problem.score(start)
-        return PoseResult(pose, score, evaluations=evaluations + len(candidates))
+        return PoseResult(pose, score, evaluations=evaluations)

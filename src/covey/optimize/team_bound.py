@@ -23,16 +23,20 @@ from covey.coverage import TeamBound
 from covey.environment import Landmarks
 from covey.errors import SolverError
 from covey.geometry import Pose2, Region
-from covey.optimize.ascent import climb_all, pose_values
+from covey.optimize.ascent import pose_values
 from covey.optimize.base import PoseProblem
 from covey.optimize.branch_and_bound import Exact
 from covey.optimize.packing import landmark_columns
-from covey.optimize.search import CLIMB, POLISH, candidate_poses, spread
+from covey.optimize.pose_ascent import summit
+from covey.optimize.search import candidate_poses, spread
 from covey.sensing.base import CompiledModel, VisibilityModel, is_compiled
 
 ROUNDS = 60
 STEPS = 100
 SUMMITS = 64
+CLIMBS = np.array([[22, 8]])
+"""How many poses of the pool are climbed from in a round, with how many evaluations, and how many to the end."""
+
 TEMPERATURES = (0.3, 0.1, 0.03, 0.01)
 """Smoothing of the inner maximum, in hundredths of the score."""
 POOL_ENTRIES = 1_000_000
@@ -232,21 +236,9 @@ def _climb(group: _Group, landmarks: Landmarks, prices: NDArray[np.float64], rng
     candidates = np.vstack([group.poses, fresh])
     values = np.empty(len(candidates))
     pose_values(kind, columns, 1.0 / unit, candidates, values)
-    starts = np.ascontiguousarray(candidates[spread(candidates, values, unit, SUMMITS)][:, None, :])
-    value, top, _ = climb_all(
-        np.array([kind]),
-        np.array([unit]),
-        columns,
-        region.inset_edges,
-        np.array([0, len(region.inset_edges)]),
-        0.0,
-        starts,
-        CLIMB,
-        8,
-        POLISH,
-        1e-9,
-    )
-    group.add(np.vstack([starts[:, 0], top]), landmarks)
+    starts, top = candidates[spread(candidates, values, unit, SUMMITS)], np.empty(3)
+    value, _ = summit(kind, columns, unit, region.inset_edges, starts, CLIMBS, 1e-9, top)
+    group.add(np.vstack([starts, top]), landmarks)
     most = max(1000, 4 * POOL_ENTRIES // len(landmarks))
     if len(group.poses) > most:
         kept = np.sort(np.argsort(-_gains(group, landmarks.weights, prices), kind="stable")[: most // 2])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from covey.protocol.catalogue import EMPTY, Catalogue
 from covey.protocol.planner import Planner
-from covey.protocol.records import INCARNATION, OWNER, LandmarkRecords, PoseRecords
+from covey.protocol.records import FIRST_GENERATION, GENERATION, INCARNATION, OWNER, LandmarkRecords, PoseRecords
 
 _POSE = struct.Struct("<qqqddd")
 
@@ -42,19 +42,31 @@ def orphans(
     return np.flatnonzero(~owned if alive is None else alive & ~owned)
 
 
-def adopters(planner: Planner, poses: PoseRecords, living: Mapping[int, int], n: int) -> NDArray[np.int64] | None:
+def adopters(
+    planner: Planner,
+    records: LandmarkRecords,
+    poses: PoseRecords,
+    living: Mapping[int, int],
+    assigned: NDArray[np.int64] | None = None,
+) -> NDArray[np.int64] | None:
     """Return, shape (n,), who takes each landmark over if it has no owner: who sees it best, then the smallest agent.
 
-    None while the committed pose of a living agent is not known.
+    A landmark that nobody has owned yet goes to the agent that it is assigned to, if there is one that lives.  None
+    while the committed pose of a living agent is not known.
     """
     agents = sorted(living)
     if not all(agent in poses for agent in agents):
         return None
+    n = len(records)
     best, seen = np.full(n, agents[0], dtype=np.int64), planner.visibility(agents[0], poses.pose(agents[0]))[:n].copy()
     for agent in agents[1:]:
         visibility = planner.visibility(agent, poses.pose(agent))[:n]
         best[visibility > seen] = agent
         np.maximum(seen, visibility, out=seen)
+    if assigned is not None:
+        # landmarks that came later are assigned to nobody
+        fresh = (records.values[: len(assigned), GENERATION] < FIRST_GENERATION) & np.isin(assigned, agents)
+        best[: len(assigned)][fresh] = assigned[fresh]
     return best
 
 

@@ -48,6 +48,7 @@ class Member(Trader):
         links: Links | None,
         avoid: tuple[Pose2, ...],
         catalogue: Catalogue,
+        assigned: NDArray[np.int64] | None,
     ) -> None:
         super().__init__(
             agent,
@@ -67,6 +68,7 @@ class Member(Trader):
         self._map_at = 0.0
         self._maps_from: set[int] = set()  # whose map has arrived in this life
         self._orphaned = False
+        self._assigned = assigned
         self._adopted_at: tuple[int, ...] = ()
         self._published: tuple[bool, int, bytes] | None = None
 
@@ -199,7 +201,7 @@ class Member(Trader):
         self._orphaned = len(without) > 0
         if not self._orphaned or not self._maps_from >= living.keys() - {self.agent}:
             return  # somebody who lives may know another owner
-        best = adopters(self._planner, own.poses, living, len(own.records))
+        best = adopters(self._planner, own.records, own.poses, living, self._assigned)
         if best is not None and (best[without] == self.agent).any():
             outputs.append(LandmarksAdopted(self.agent, own.adopt(without[best[without] == self.agent])))
             self._orphaned = len(self._orphans()) > 0

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from covey.geometry import Pose2
 from covey.protocol.adoption import map_digest
@@ -70,6 +71,9 @@ class Node(Member):
     catalogue : Catalogue, keyword-only
         What has changed since the mission began; `team` and `records` are those that it began with, but for what
         the agent remembers.
+    assigned : array, shape (n,), keyword-only
+        Which agent takes each landmark first that nobody has owned yet; whoever sees it best by default.  A team all of
+        whose agents begin with `LandmarkRecords.unknown` starts from this.
 
     Raises
     ------
@@ -99,6 +103,7 @@ class Node(Member):
         links: Links | None = None,
         avoid: tuple[Pose2, ...] = (),
         catalogue: Catalogue = EMPTY,
+        assigned: NDArray[np.int64] | None = None,
     ) -> None:
         super().__init__(
             agent,
@@ -112,8 +117,10 @@ class Node(Member):
             links=links,
             avoid=avoid,
             catalogue=catalogue,
+            assigned=assigned,
         )
         self._sequence = 0
+        self._proved_at = -1
         self._digested_at: tuple[int, ...] = ()
         self._digest_then = b""
 
@@ -129,6 +136,7 @@ class Node(Member):
         order: Order = random_order,
         options: NodeOptions | None = None,
         links: Links | None = None,
+        assigned: NDArray[np.int64] | None = None,
     ) -> Node:
         """Build the node of an agent that has crashed, from what it remembers.
 
@@ -157,6 +165,7 @@ class Node(Member):
             links=links,
             avoid=memory.avoid,
             catalogue=memory.catalogue,
+            assigned=assigned,
         )
         node._waypoint = None
         return node
@@ -171,9 +180,18 @@ class Node(Member):
         """Whether the agent has nothing left to do by itself.
 
         It is IDLE, at its waypoint, nobody is in Q that is in reach, and every landmark of its map has an owner that
-        lives; or it has left.
+        lives; or it has left.  With ``options.prove`` its pose has been proved as well.
         """
+        return self._at_rest and not self.unproved
+
+    @property
+    def _at_rest(self) -> bool:
         return self.left or (super().quiescent and not self._orphaned)
+
+    @property
+    def unproved(self) -> bool:
+        """Whether the agent has nothing left to do but to have its pose proved for its landmarks: see `pose_proved`."""
+        return self._options.prove and self._proved_at != self.epoch and self._at_rest and not self.left
 
     @property
     def over(self) -> bool:
@@ -313,6 +331,14 @@ class Node(Member):
         if self.lock is Lock.IDLE and self.at_waypoint:
             self._adopt(pose, Cause.PROOF, outputs)
         return self._finish(outputs)
+
+    def pose_proved(self, now: float, epoch: int) -> list[Output]:
+        """Report that no pose is better by more than counts for the landmarks that the agent had at this epoch.
+
+        Nothing happens if its pose or landmarks have changed since.
+        """
+        self._proved_at = epoch
+        return self._finish([])
 
     def suspect(self, agent: int) -> None:
         """Report that the transport has lost the connection to another; it is not asked until it is heard again."""

@@ -74,6 +74,8 @@ class NodeOptions:
         Two poses no further apart than this, metres and radians, are the same unreachable pose.
     membership : MembershipOptions or None
         How the team survives crashes; None for a team of which nobody dies.
+    prove : bool
+        Whether an agent is quiescent only when its pose has been proved (`Node.pose_proved`).
 
     Raises
     ------
@@ -88,6 +90,7 @@ class NodeOptions:
     same_position: float = 0.05
     same_yaw: float = 0.05
     membership: MembershipOptions | None = None
+    prove: bool = False
 
     def __post_init__(self) -> None:
         for name in ("backoff", "pause", "same_position", "same_yaw"):

@@ -102,7 +102,7 @@ def coverage_score(planner: Planner, agent: int, pose: Pose2, landmarks: NDArray
     -----
     Source: Sposato (2016), eq. (4.4).
     """
-    return float(planner.visibility(agent, pose)[landmarks] @ planner.weights[landmarks])
+    return float(planner.visibility(agent, pose).take(landmarks) @ planner.weights.take(landmarks))
 
 
 def is_better(before: float, after: float) -> bool:

@@ -19,6 +19,9 @@ from covey.geometry import Pose2
 GENERATION, VERSION, OWNER, INCARNATION = range(4)
 """Columns of a record, most significant first."""
 
+_SIGNIFICANCE = np.array([8, 4, 2, 1])
+"""The first column of two records in which they differ outweighs all that follow."""
+
 NOBODY = -1
 """Owner in a record of generation 0."""
 
@@ -235,8 +238,8 @@ class LandmarkRecords:
         return RecordSlice(np.arange(len(self.values)), self.values.copy())
 
     def known(self) -> RecordSlice:
-        """Return a copy of all records but those of which nothing is known, which win against none."""
-        return self.slice(np.flatnonzero(self.values[:, GENERATION] > 0))
+        """Return a copy of the records of all landmarks that anybody has owned."""
+        return self.slice(np.flatnonzero(self.values[:, GENERATION] >= FIRST_GENERATION))
 
     def copy(self) -> LandmarkRecords:
         """Return an independent copy."""
@@ -296,7 +299,5 @@ def difference(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[n
 
 
 def _newer(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
-    newer = a[:, INCARNATION] > b[:, INCARNATION]
-    for column in (OWNER, VERSION, GENERATION):
-        newer = (a[:, column] > b[:, column]) | ((a[:, column] == b[:, column]) & newer)
+    newer: NDArray[np.bool_] = (a > b) @ _SIGNIFICANCE > (a < b) @ _SIGNIFICANCE
     return newer

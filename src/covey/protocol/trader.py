@@ -108,6 +108,11 @@ class Trader:
         return self._holdings.escrow
 
     @property
+    def options(self) -> NodeOptions:
+        """Waiting times, and what is asked of the agent."""
+        return self._options
+
+    @property
     def offer(self) -> Offer | None:
         """The offer that stands while the agent is a prepared server."""
         message = None if self._pending is None else self._pending.message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -313,8 +314,11 @@ class TeamPlanner:
 def nearest_first(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:
     """Ask the partners whose poses are nearest first: they have most to trade."""
     own = poses.pose(agent)
-    away = [
-        np.hypot(poses.pose(other).x - own.x, poses.pose(other).y - own.y) if other in poses else np.inf
-        for other in candidates
-    ]
-    return [candidates[i] for i in np.argsort(away, kind="stable")]
+
+    def away(other: int) -> float:
+        if other not in poses:
+            return math.inf
+        pose = poses.pose(other)
+        return math.hypot(pose.x - own.x, pose.y - own.y)
+
+    return sorted(candidates, key=away)

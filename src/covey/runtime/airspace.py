@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from covey.errors import InputError
-from covey.flight.obstacles import Box, Obstacle, Sphere
+from covey.errors import ArgumentError, InputError
+from covey.flight.obstacles import Box, Obstacle, Prism, Sphere
 from covey.geometry import Pose2, Region
 from covey.geometry.region import INSET
 from covey.mission import Mission
 from covey.mission.flight import Separation
-from covey.mission.flight_build import CLOSE, ROOM_HINT, crowded
+from covey.mission.flight_build import CLOSE, ROOM_HINT, START_HINT, bad_starts, crowded
 
 if TYPE_CHECKING:
     import shapely
@@ -53,6 +53,24 @@ def room_of(mission: Mission, poses: Sequence[Pose2], agent: int) -> Region:
     return room(region, separation.spacing, taken, own=poses[agent])
 
 
+def check_processes(mission: Mission) -> None:
+    """Check that a mission can be carried out by agents in processes of their own.
+
+    Raises
+    ------
+    InputError
+        If agents share a layer, since only a team in one process sees every place on offer, or the mission has changes.
+    """
+    where = mission.path or mission.name
+    if mission.separation is not None:
+        raise InputError(
+            f"{where}: flight: expected a layer for each agent: those that share one need an "
+            "airspace that all see, which agents in processes of their own do not have; raise ceiling_m or layers"
+        )
+    if mission.changes:
+        raise InputError(f"{where}: changes: only `covey plan` acts on them; leave the key out to run the agents apart")
+
+
 def check_clear_starts(mission: Mission) -> None:
     """Check that agents that share a layer start clear of each other, also where poses were drawn from another seed.
 
@@ -66,6 +84,20 @@ def check_clear_starts(mission: Mission) -> None:
         close = separation.too_close([agent.pose for agent in mission.agents], separation.clear - CLOSE)
         if close:
             raise InputError(f"{mission.path or mission.name}: flight: {crowded(mission, close)}; {ROOM_HINT}")
+
+
+def check_starts(mission: Mission) -> None:
+    """Check that the vehicles of a mission can take off where their agents start.
+
+    Raises
+    ------
+    InputError
+        With every one that cannot.
+    """
+    found = [message for _, message in bad_starts(mission)]
+    if found:
+        shown = "; ".join(found[:10]) + (f"; and {len(found) - 10} more" if len(found) > 10 else "")
+        raise InputError(f"{mission.path or mission.name}: agents: {shown}; {START_HINT}")
 
 
 class Airspace:
@@ -147,11 +179,48 @@ def clear_region(
     return _without(region, cuts, near)
 
 
+def passable(region: Region, width: float, *, near: Pose2) -> Region:
+    """Return the part of a region that a vehicle gets to through gaps of a width, metres, from where it is.
+
+    Examples
+    --------
+    >>> hole = [[-0.1, -3.99], [0.1, -3.99], [0.1, 3.99], [-0.1, 3.99]]
+    >>> west = passable(Region.polygon([[-4, -4], [4, -4], [4, 4], [-4, 4]], [hole]), 0.2, near=Pose2(-2, 0, 0))
+    >>> west.contains(-3.99, -3.99), west.contains(3.0, 0.0)
+    (True, False)
+    """
+    import shapely
+
+    parts = shapely.get_parts(region.shape.buffer(-0.5 * width, join_style="mitre"))
+    if len(parts) < 2:
+        return region
+    here = shapely.Point(near.x, near.y)
+    mine = min(parts, key=lambda shape: shape.distance(here)).buffer(0.5 * width, join_style="mitre")
+    return _without(region, [region.shape.difference(mine)], near) or region
+
+
 def without_disc(region: Region, x: float, y: float, radius: float, *, near: Pose2) -> Region | None:
     """Return a region without a disc, metres: its part around `near`, or None if nothing is left."""
     import shapely
 
     return _without(region, [shapely.Point(x, y).buffer(radius, quad_segs=6)], near)
+
+
+def cylinder(x: float, y: float, radius: float, height: float) -> Prism:
+    """Return a cylinder that stands on the ground, metres, as a prism of 16 sides around it.
+
+    Raises
+    ------
+    ArgumentError
+        If it is smaller than 0.01 m, or larger than 1000 m.
+    """
+    for name, value in (("radius", radius), ("height", height)):
+        if not 0.01 <= value <= 1000.0:
+            raise ArgumentError(f"{name}: expected 0.01 m to 1000 m, got {value:g}")
+    sides = 16
+    reach = radius / math.cos(math.pi / sides)
+    corners = [(x + reach * math.cos(turn), y + reach * math.sin(turn)) for turn in np.arange(sides) * math.tau / sides]
+    return Prism(tuple(corners), 0.0, height)
 
 
 def _cut(obstacle: Obstacle, altitude: float, clearance: float) -> shapely.Geometry | None:

@@ -16,9 +16,9 @@ from covey.environment import Landmarks
 from covey.geometry import Pose2, Region
 from covey.mission import Mission
 from covey.optimize import PoseProblem, blackbox
-from covey.optimize.ascent import climb_all, pose_values
+from covey.optimize.ascent import pose_values
 from covey.optimize.packing import landmark_columns
-from covey.optimize.search import CLIMB, POLISH
+from covey.optimize.pose_ascent import summit
 from covey.runtime.result import Baseline
 from covey.sensing import VisibilityModel, is_compiled
 
@@ -26,6 +26,9 @@ CELLS, MOST_CELLS, HEADINGS = 21, 61, 16
 """Positions along each side of the grid of poses, at least and at most, and headings at each."""
 
 LLOYD_ROUNDS = 100
+CLIMBS = np.array([[22, 3]])
+"""Evaluations of each climb of a refinement, and how many are climbed to the end."""
+
 STARTS, NEARBY = 12, 0.5
 """Starts of a refinement, and how far around the pose they lie, in optimal distances and radians."""
 
@@ -118,18 +121,8 @@ def _refine(
     unit = model.optimal_distance
     starts = pose.as_array() + rng.normal(size=(STARTS, 3)) * np.array([unit, unit, 1.0]) * NEARBY
     starts[0] = pose.as_array()
-    _, found, _ = climb_all(
-        np.array([int(model.kernel)]),
-        np.array([unit]),
-        landmark_columns(landmarks),
-        region.inset_edges,
-        np.array([0, len(region.inset_edges)]),
-        0.0,
-        starts[:, None, :].copy(),
-        CLIMB,
-        3,
-        POLISH,
-        1e-9,
-    )
-    refined = Pose2.from_array(found[0])
+    best = np.empty(3)
+    columns = landmark_columns(landmarks)
+    summit(int(model.kernel), columns, unit, region.inset_edges, starts, CLIMBS, 1e-9, best)
+    refined = Pose2.from_array(best)
     return refined if problem.score(refined) > problem.score(pose) else pose

@@ -159,6 +159,9 @@ def from_text(text: str, *, folder: Path | None = None) -> Deployment:
         If it is not JSON, or a key is missing or has the wrong type; the text names the key.
     """
     root = parse_json(text)
+    content = root.mapping()
+    if "exercise" in content and "mission" not in content:
+        raise ResultError("expected the result of a mission, got that of an exercise, which deploys nobody")
     version = root["schema_version"]
     if version.integer() != SCHEMA_VERSION:
         version.fail(f"{SCHEMA_VERSION}, the only version that this covey reads")

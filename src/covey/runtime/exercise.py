@@ -17,6 +17,7 @@ from covey.flight.trajectories import Circle as CircleTrajectory
 from covey.flight.trajectories import Follow as FollowTrajectory
 from covey.flight.trajectories import Hold, Trajectory
 from covey.mission.exercise import Circle, Exercise, Follow, Goal
+from covey.runtime.flight_document import events_document
 from covey.runtime.result import Progress
 from covey.runtime.world import build_simulator
 from covey.vehicles.fleet import CONTROL_PERIOD, Arrival, Fleet, Kind
@@ -163,10 +164,7 @@ class _Flight:
             "waypoints_reached": len(self._reached),
             "waypoints_missed": len(self._waiting),
             "lost": [self._exercise.vehicles[i].name for i in sorted(fleet.lost)],
-            "events": [
-                {"time_s": event.time, "kind": event.kind, "vehicles": list(event.vehicles), "text": event.text}
-                for event in fleet.recorder.events
-            ],
+            "events": events_document(fleet.recorder.events),
         }
 
     def _set_tasks(self) -> None:

@@ -32,7 +32,7 @@ class Run(enum.Enum):
     FLIGHT = "flight"
     """Simulated seconds since the flight began."""
     NETWORK = "network"
-    """Seconds since the observer came."""
+    """Seconds since the observer came, or since a team began that lives in real time in one process."""
 
 
 class Activity(enum.IntEnum):

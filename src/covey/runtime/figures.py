@@ -124,7 +124,7 @@ def heatmap_figure(model: VisibilityModel, *, half_width: float = 3.0, pixels: i
     return figure
 
 
-def save_figure(figure: Figure, file: str | Path | IO[bytes], *, kind: str | None = None) -> None:
+def save_figure(figure: Figure, file: str | Path | IO[bytes], *, kind: str | None = None, dpi: float = DPI) -> None:
     """Save a figure, by default as what the file's suffix says; the same figure gives the same bytes."""
     kind = kind or Path(str(file)).suffix.lstrip(".").lower()
     options: dict[str, Any] = {}
@@ -132,8 +132,10 @@ def save_figure(figure: Figure, file: str | Path | IO[bytes], *, kind: str | Non
         options = {"metadata": {"CreationDate": None, "Creator": "covey"}}
     elif kind == "png":  # packed less tightly it is written in half the time and hardly larger
         options = {"metadata": {"Software": "covey"}, "pil_kwargs": {"compress_level": 3}}
-    with mpl.rc_context(STYLE):
-        figure.savefig(file, format=kind, dpi=DPI, **options)
+    elif kind == "svg":
+        options = {"metadata": {"Date": None, "Creator": "covey"}}
+    with mpl.rc_context({**STYLE, "svg.hashsalt": "covey"}):
+        figure.savefig(file, format=kind, dpi=dpi, **options)
 
 
 def save_pages(figures: Sequence[Figure], file: str | Path) -> None:

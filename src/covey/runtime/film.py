@@ -13,7 +13,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,13 +118,46 @@ def write_film(
         speed=speed,
         scene=scene,
     )
+    encode_film(frames, target, ffmpeg, on_progress)
+    return target
+
+
+class Frames(Protocol):
+    """The pictures of a film."""
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """The moment that each picture shows, seconds."""
+        ...
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        ...
+
+    def picture(self, index: int) -> Pixels:
+        """Draw a picture; one after the other is fastest."""
+        ...
+
+    def rewind(self) -> None:
+        """Begin anew."""
+        ...
+
+
+def encode_film(frames: Frames, target: Path, ffmpeg: str | None, on_progress: Report | None) -> None:
+    """Write pictures to a film, whole or not at all: an mp4 with an ffmpeg, a gif without one.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written, or ffmpeg fails.
+    """
     with staged(target.parent, [target.name]) as folder:
         pictures = _told(frames, on_progress)
         if ffmpeg:
             _write_mp4(ffmpeg, pictures, frames.size, folder / target.name)
         else:
             _write_gif(frames, pictures, folder / target.name)
-    return target
 
 
 def choose_speed(duration: float) -> float:
@@ -163,7 +196,7 @@ def find_ffmpeg() -> str | None:
     return None
 
 
-def _told(frames: FilmFrames, on_progress: Report | None) -> Iterator[Pixels]:
+def _told(frames: Frames, on_progress: Report | None) -> Iterator[Pixels]:
     count = len(frames.times)
     for index in range(count):
         yield frames.picture(index)
@@ -200,7 +233,7 @@ def _write_mp4(program: str, pictures: Iterator[Pixels], size: tuple[int, int], 
         raise OutputError(f"{path.name}: ffmpeg failed: {reason[-1] if reason else process.returncode}")
 
 
-def _write_gif(frames: FilmFrames, pictures: Iterator[Pixels], path: Path) -> None:
+def _write_gif(frames: Frames, pictures: Iterator[Pixels], path: Path) -> None:
     from PIL import Image
 
     samples = [frames.picture(index)[::2, ::2, :3] for index in (0, len(frames.times) // 2, len(frames.times) - 1)]

@@ -38,7 +38,7 @@ from covey.runtime.flight_drawing import (
 from covey.runtime.flight_paths import draw_obstacles, plan_frame
 from covey.runtime.map_drawing import FAINT, INK, STYLE
 from covey.runtime.palette import colours
-from covey.vehicles.flight_log import FlightLog
+from covey.vehicles.flight_log import TROUBLE, FlightLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,9 +51,6 @@ WIDTH, HEIGHT = 12.8, 7.2
 
 LISTED = 18
 """Names of more vehicles are left out."""
-
-GRAVE = ("fault", "lost", "collision", "missed")
-"""Kinds of events that are shown before others."""
 
 Pixels = NDArray[np.uint8]
 Scene = Callable[[float], Pixels | None]
@@ -232,7 +229,7 @@ class FilmFrames:
         bar.add_patch(self._bar)
         for event in log.events:
             _, colour, _ = EVENT_MARKS.get(event.kind, ("", FAINT, ""))
-            grave = event.kind in GRAVE
+            grave = event.kind in TROUBLE
             size = 3.0 if grave else 1.0
             bar.plot([event.time] * 2, [0.0, 1.0], color=colour, linewidth=size, zorder=2.5 if grave else 1.5)
         place: dict[str, Any] = {"va": "center"}
@@ -259,7 +256,7 @@ class FilmFrames:
         """Write what rarely changes; whether it did."""
         committed = self.log.score_committed[self._before[index]]
         recent = [event for event in self.log.events if now - self._linger < event.time <= now]
-        shown = ([event for event in recent if event.kind in GRAVE] or recent)[-1:]
+        shown = ([event for event in recent if event.kind in TROUBLE] or recent)[-1:]
         texts = (
             f"score {committed:.2f}" if math.isfinite(committed) else "",
             f"{shown[0].time:.1f} s: {clip_text(shown[0].text, 110)}" if shown else "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from covey.runtime.checked import CheckedValue
@@ -22,17 +23,23 @@ def flight_document(flight: FlightReport) -> dict[str, Any]:
         "required_separation_m": _number(flight.required_separation),
         "separation_cost": _number(flight.separation_cost),
         "altitudes_m": [float(altitude) for altitude in flight.altitudes],
+        "max_outside_region_m": _number(flight.max_outside_region),
         "collisions": int(flight.collisions),
         "tracking_rms_m": _number(flight.tracking_rms),
         "waypoints_reached": int(flight.waypoints_reached),
         "waypoints_missed": int(flight.waypoints_missed),
         "score_flown": _number(flight.score_flown),
         "lost": list(flight.lost),
-        "events": [
-            {"time_s": _number(event.time), "event": event.kind, "agents": list(event.vehicles), "text": event.text}
-            for event in flight.events
-        ],
+        "events": events_document(flight.events),
     }
+
+
+def events_document(events: Sequence[FlightEvent]) -> list[dict[str, Any]]:
+    """Return the events of a flight as plain data; vehicles go by the names of their agents."""
+    return [
+        {"time_s": _number(event.time), "event": event.kind, "agents": list(event.vehicles), "text": event.text}
+        for event in events
+    ]
 
 
 def read_flight(value: CheckedValue) -> FlightReport:
@@ -52,6 +59,7 @@ def read_flight(value: CheckedValue) -> FlightReport:
         required_separation=value["required_separation_m"].number(),
         separation_cost=value["separation_cost"].known(math.nan),
         altitudes=tuple(item.number() for item in value["altitudes_m"].items()),
+        max_outside_region=value["max_outside_region_m"].number(),
         collisions=value["collisions"].integer(),
         tracking_rms=value["tracking_rms_m"].number(),
         waypoints_reached=value["waypoints_reached"].integer(),

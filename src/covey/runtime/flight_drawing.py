@@ -13,11 +13,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from numpy.typing import NDArray
 
 from covey.errors import ArgumentError
-from covey.flight.layout import QUAT, REF_P, P
+from covey.flight.layout import QUAT, REF_P, P, V
 from covey.runtime.figures import DPI
 from covey.runtime.map_drawing import FAINT, INK, draw_badges
 from covey.runtime.palette import OKABE_ITO, colours
-from covey.vehicles.flight_log import FlightLog
+from covey.vehicles.flight_log import ARRIVALS, FlightLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,10 +36,15 @@ EVENT_MARKS = {
     "fault": ("P", RED, "fault"),
     "lost": ("X", RED, "lost"),
     "collision": ("*", RED, "collision"),
-    "landing": ("v", GREEN, "landing"),
+    "outside": ("d", RED, "outside its region"),
+    "airborne": ("^", BLUE, "at its altitude"),
+    "home": ("v", BLUE, "above its start"),
     "landed": ("v", GREEN, "landed"),
 }
 """Marker, colour and label of each kind of event; others are grey."""
+
+JUMP = 0.1
+"""Metres that the separation may change between two rows beside what vehicles move."""
 
 EVENT_ROW = 0.17
 """Height of a row of events, inches."""
@@ -51,7 +56,7 @@ def draw_score(ax: Axes, log: FlightLog, deployment: Deployment | None = None) -
     ax.plot(log.time, log.score_flown, color=RED, linewidth=1.2, linestyle="-", label="as flown")
     if deployment is not None:
         final = deployment.score.final
-        ax.axhline(final, color=GREEN, linestyle=":", linewidth=1.6, label=f"planned {final:.2f}")
+        ax.axhline(final, color=GREEN, linestyle=":", linewidth=1.6, label=f"at the end {final:.2f}")
         bound = deployment.bound
         if bound is not None and math.isfinite(bound.team_upper_bound):
             text = f"at most {bound.team_upper_bound:.2f}"
@@ -63,7 +68,9 @@ def draw_separation(ax: Axes, log: FlightLog) -> None:
     """Draw the separation of a flight over time into axes; far distances are cut off, they do not matter."""
     required = log.required_separation
     shown = np.where(np.isfinite(log.separation), log.separation, np.nan)
-    ax.plot(log.time, shown, color=BLUE, linewidth=1.6, label="closest two vehicles")
+    gaps = _pair_changes(log)
+    ax.plot(np.insert(log.time, gaps, log.time[gaps]), np.insert(shown, gaps, np.nan), color=BLUE, linewidth=1.6,
+            label="closest two vehicles")  # fmt: skip
     text = f"required, {required:.2f} m"
     ax.axhline(required, color=RED, linewidth=1.4, linestyle="--", label=text)
     ax.axhspan(0.0, required, color=RED, alpha=0.08, linewidth=0.0, zorder=0.3)
@@ -72,6 +79,14 @@ def draw_separation(ax: Axes, log: FlightLog) -> None:
         ax.plot(log.time[least], shown[least], "o", color=INK, markersize=4.5, label=f"least, {shown[least]:.2f} m")
     ax.set_ylim(0.0, max(1.5 * required, min(1.08 * peak(shown), 8.0 * required)))
     ax.set_ylabel("separation [m]")
+
+
+def _pair_changes(log: FlightLog) -> NDArray[np.int64]:
+    """Rows at which the separation has changed more than vehicles move: one of a close pair took off or landed."""
+    speed = np.linalg.norm(log.state[:, :, V : V + 3], axis=2).max(axis=1)
+    moved = 2.0 * np.maximum(speed[1:], speed[:-1]) * np.diff(log.time)
+    apart = np.where(np.isfinite(log.separation), log.separation, np.nan)
+    return np.flatnonzero(np.abs(np.diff(apart)) > 1.5 * moved + JUMP) + 1
 
 
 def draw_altitude(ax: Axes, log: FlightLog) -> None:
@@ -266,7 +281,7 @@ def under_way(log: FlightLog, index: int) -> list[tuple[float, float]]:
     changes = np.flatnonzero((goal[1:] != goal[:-1]).any(axis=1)) + 1
     starts = [0, *changes.tolist()]
     ends = [*changes.tolist(), len(log.time) - 1]
-    reached = [e.time for e in log.events if e.kind == "reached" and log.names[index] in e.vehicles]
+    reached = [e.time for e in log.events if e.kind in ARRIVALS and log.names[index] in e.vehicles]
     if not reached and len(starts) < 3:
         return []  # a single waypoint throughout: shading everything would tell nothing
     spans = []

@@ -363,7 +363,8 @@ def flight_overview(
         fixed = gap * (len(panels) - 1) + 0.25
         body = max(frame.height, sum(height for height, _ in panels) + fixed)
         stretch = (body - fixed) / sum(height for height, _ in panels)
-        strip = _strip(chosen, frame.width + 7.1)
+        across = frame.width if list_rows(len(chosen), frame.width) <= 3 else frame.width + 7.1
+        strip = _strip(chosen, across)
         figure = new_page(left + right + 0.25, 0.55 + body + 0.75 + strip)
         ax = place_axes(figure, 0.75, 0.55 + body - frame.height, frame.width, frame.height)
         dots = draw_plan(ax, log, deployment, frame, obstacles)
@@ -377,7 +378,7 @@ def flight_overview(
         for ax in axes:
             if "score" in ax.get_ylabel() or "separation" in ax.get_ylabel():
                 write_legend(ax)
-        _list(figure, log, chosen, frame.width + 7.1)
+        _list(figure, log, chosen, across)
         mission = "" if deployment is None else f" of {clip_text(deployment.mission.name, 50)}"
         _write_head(figure, log, chosen, f"Flight{mission}", f"{log.time[-1] - log.time[0]:.1f} s", dots)
     return figure

@@ -89,8 +89,8 @@ class Image:
     run: str
 
 
-def page(findings: Sequence[Finding], images: Sequence[Image], folder: Path) -> str:
-    """Return the page, which holds the figures of the folder itself."""
+def page(findings: Sequence[Finding], images: Sequence[Image], folder: Path, *, note: str = "") -> str:
+    """Return the page, which holds the figures of the folder itself, with a note on the run if there is one."""
     parts = []
     for number, title in CHAPTERS:
         parts.append(f"<h2>{html.escape(title)}</h2>")
@@ -101,6 +101,7 @@ def page(findings: Sequence[Finding], images: Sequence[Image], folder: Path) -> 
     labels = list(dict.fromkeys(label for finding in findings for label in finding.measures))
     counts = sum(finding.agrees for finding in findings)
     body = "\n".join(parts)
+    remark = f"\n<p><b>{html.escape(note)}</b></p>" if note else ""
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -115,7 +116,7 @@ def page(findings: Sequence[Finding], images: Sequence[Image], folder: Path) -> 
 <p>What M. Sposato's thesis (KTH, 2016) shows of its controller and its collision avoidance, in one sentence each, and
 what we measured: by the thesis's own model, which has neither rotors nor limits nor a body, and in simulators of an
 Iris+ with drag, rotors that lag, and navigation that keeps vehicles apart. {counts} of {len(findings)} statements
-hold in every run. Numbers that are not as the thesis says are marked.</p>
+hold in every run. Numbers that are not as the thesis says are marked.</p>{remark}
 {_overview(findings, labels)}
 {body}
 <p>Every number is in <a href="measures.csv">measures.csv</a>; each figure is a link to its PDF.</p>

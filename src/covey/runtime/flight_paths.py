@@ -125,7 +125,8 @@ def draw_space(ax: Any, log: FlightLog, obstacles: Sequence[Obstacle] = ()) -> N
     """Draw the paths into three-dimensional axes, with their shadows on the ground, and the edges of obstacles."""
     palette = colours(log.names)
     path = log.state[:, :, P : P + 3]
-    low, high = np.nanmin(path, axis=(0, 1)), np.nanmax(path, axis=(0, 1))
+    places = np.concatenate([path.reshape(-1, 3), log.objects.reshape(-1, 3)])
+    low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
     low[2] = min(0.0, float(low[2]))
     middle, span = (low + high) / 2.0, np.maximum(1.08 * (high - low), 0.4 * float((high - low).max()) or 1.0)
     span[2] = max(float(high[2] - low[2]), 0.2 * float(span.max()))

@@ -6,75 +6,27 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
 
 from covey.coverage import agent_scores, team_visibility
-from covey.errors import InputError
+from covey.errors import ArgumentError, InputError
 from covey.flight.layout import P
 from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
-from covey.runtime.airspace import clear_region, without_disc
+from covey.runtime.airspace import check_starts, clear_region, cylinder, passable, without_disc
 from covey.runtime.feed import Run, Watcher
-from covey.runtime.plan import PlanRun, plan, software_versions
+from covey.runtime.flight import Flight, Moment
+from covey.runtime.leg import AT_REST, BELOW_GROUND, Leg
+from covey.runtime.plan import PlanRun, separation_cost, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
+from covey.runtime.steering import AddObstacle, Kill, Request, Steering
 from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
-from covey.runtime.world import build_fleet
+from covey.runtime.world import build_fleet, not_felt
 from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
-from covey.vehicles.flight_log import FlightLog
 
 SLOWEST, GRACE = 0.25, 20.0
 """A leg may take its length at this speed, m/s, and so many seconds more; then its waypoint counts as unreachable."""
-
-TOUCHDOWN = 0.3
-"""A vehicle this low, metres, with this little vertical speed, m/s, has landed."""
-
-
-class Moment(NamedTuple):
-    """The committed state of a team from a time on.
-
-    Parameters
-    ----------
-    time : float
-        Seconds since the flight began.
-    owner : array, shape (n,)
-        Index of each landmark's owner.
-    poses : tuple of Pose2
-        The committed poses.
-    """
-
-    time: float
-    owner: NDArray[np.int64]
-    poses: tuple[Pose2, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """A mission that was flown.
-
-    Parameters
-    ----------
-    deployment : Deployment
-        What the team settled on, with `Deployment.flight`.
-    log : FlightLog
-        Everything over time.
-    obstacles : tuple of Obstacle
-        Those of the mission, and those that appeared.
-    appeared : tuple of float
-        When each of them did, seconds; 0 for those of the mission.
-    moments : tuple of Moment
-        Who owned what, each time that it changed.
-    """
-
-    deployment: Deployment
-    log: FlightLog
-    obstacles: tuple[Obstacle, ...]
-    appeared: tuple[float, ...]
-    moments: tuple[Moment, ...]
 
 
 def fly(
@@ -85,6 +37,7 @@ def fly(
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Flight:
     """Fly a mission: the vehicles take off, the agents trade and fly until no trade and no move helps, all land.
 
@@ -101,6 +54,8 @@ def fly(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it, set its speed, let vehicles fail and put obstacles in their way.
 
     Returns
     -------
@@ -110,8 +65,8 @@ def fly(
     Raises
     ------
     InputError
-        If vehicles start too close to each other or inside an obstacle, a sensor model cannot be built, or the mission
-        has changes.
+        If vehicles start too close to each other or to an obstacle, a sensor model cannot be built, or the mission has
+        changes.
 
     Notes
     -----
@@ -124,7 +79,11 @@ def fly(
         )
     if seed is not None:
         mission = mission.with_seed(seed)
-    return _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch).fly()
+    check_starts(mission)
+    sortie = _Sortie(mission, kind, realtime=realtime, on_progress=on_progress, watch=watch)
+    if steering is not None:
+        sortie.let_steer(steering)
+    return sortie.fly()
 
 
 class _Sortie:
@@ -152,13 +111,16 @@ class _Sortie:
         self._deadlines: dict[int, float] = {}  # of the vehicles on their way
         self._held: dict[int, Pose2] = {}  # of those that cannot get there, until the team knows
         self._blind: set[int] = set()
+        self._airborne: set[int] = set()
         self._settling = False
         self._reached = self._missed = 0
+        self._leg = Leg.TAKE_OFF
         self._stage = "taking off"
         self._moments = [Moment(0.0, self.run.team.owner.copy(), tuple(self.run.team.poses))]
         self._changes = len(self.run.team.history)
         self.fleet.on_sample = self._scores
-        check_starts(mission, self.fleet)
+        self._air_s = 0.0  # of the wall's time: what went into flying, and how much of it while the team traded
+        self._air_trading_s = 0.0
         self._flown = math.nan
         self._told_notes = 0
         self._motion_due = 0.0
@@ -169,10 +131,15 @@ class _Sortie:
     def fly(self) -> Flight:
         """Fly from take-off to landing."""
         deployment, flown = None, math.nan
+        ignored = not_felt(self._spec, self.fleet.kind)
+        if ignored:
+            self._note("ignored", [], f"kinematic vehicles do not feel {ignored}: choose other vehicles to try that")
         try:
             self._take_off()
             self._settling = True
+            before = self._air_s
             deployment = self.run.deployment()
+            self._air_trading_s = self._air_s - before
             self._settling = False
             flown = self._scores()[1]
             if deployment.status is PlanStatus.SETTLED:
@@ -192,12 +159,18 @@ class _Sortie:
             with suppress(KeyboardInterrupt):  # nothing of the flight is lost by it
                 report = replace(report, separation_cost=self._separation_cost(deployment.score.final))
         return Flight(
-            replace(deployment, flight=report),
+            replace(deployment, flight=report, timing_s=self._timing(deployment)),
             self.fleet.log(),
             tuple(self._obstacles),
             tuple(self._appeared),
             tuple(self._moments),
         )
+
+    def let_steer(self, steering: Steering) -> None:
+        """From now on do what others ask for."""
+        steering.measure(lambda: self.fleet.time, 0.1)
+        steering.offer(Kill, AddObstacle)
+        self.run.steering = steering
 
     # Travel
 
@@ -234,15 +207,23 @@ class _Sortie:
 
     def _tick(self) -> None:
         """Let one control period pass, and see to what happened in it."""
+        began = time.monotonic()
         self.fleet.step()
+        self._air_s += time.monotonic() - began
         now = self.fleet.time
         while self._faults and self._faults[0].at <= now:
             self._fail()
+        if self.run.steering is not None:
+            for request in self.run.steering.take():
+                self._grant(request)
         for agent in list(self._deadlines):
-            if self.fleet.reached(agent):
+            if self._leg is Leg.LANDING and self.fleet.on_ground(agent):
+                self._touch_down(agent)
+            elif self._leg is not Leg.LANDING and self.fleet.reached(agent):
                 del self._deadlines[agent]
-                self._reached += 1
-                self._note("reached", [agent], f"{self._name(agent)} reached its waypoint")
+                self._reached += self._leg is Leg.WAYPOINT
+                self._airborne.add(agent)
+                self._note(self._leg.reached, [agent], f"{self._name(agent)} {self._leg.arrival}")
             elif agent not in self.fleet.lost and (self.fleet.blocked(agent) or now > self._deadlines[agent]):
                 self._miss(agent)
         self._see_who_fell()
@@ -258,18 +239,22 @@ class _Sortie:
                 self._held[agent] = self._clipped(agent)
                 self.run.blind(agent)
             elif self._settling and agent not in self.fleet.lost and self.fleet.on_ground(agent):
-                self.fleet.lose(agent, "fell to the ground")
+                self.fleet.lose(agent, "fell to the ground" if agent in self._airborne else "did not leave the ground")
 
     def _miss(self, agent: int) -> None:
         """Give a waypoint up (V8): its surroundings are not offered to the agent again."""
         del self._deadlines[agent]
-        self._missed += 1
-        self._note("missed", [agent], f"{self._name(agent)} cannot reach its waypoint and holds where it is")
+        self._missed += self._leg is Leg.WAYPOINT
+        self._note(self._leg.missed, [agent], f"{self._name(agent)} {self._leg.failure}")
+        if self._leg is Leg.LANDING:
+            return
         held = self._held[agent] = self._clipped(agent)
         if not self._settling:
             return
         abandoned = self.run.team.poses[agent]
         region = self._clear_region(agent, held)
+        if region is not None:
+            region = passable(region, 0.25 * self.fleet.parameters[agent].required_separation, near=held)
         if region is not None and region.contains(abandoned.x, abandoned.y):
             region = without_disc(
                 region, abandoned.x, abandoned.y, 0.5 * self.fleet.parameters[agent].required_separation, near=held
@@ -282,16 +267,39 @@ class _Sortie:
         """Let the next fault happen."""
         fault = self._faults.pop(0)
         if fault.agent is not None and fault.rotor is not None:
+            if self.fleet.kind is Kind.KINEMATIC:
+                return
             self.fleet.simulator.fail_motor(fault.agent, fault.rotor)
             self._note("fault", [fault.agent], f"rotor {fault.rotor} of {self._name(fault.agent)} stops")
         elif fault.obstacle is not None:
-            self._obstacles.append(fault.obstacle)
-            self._appeared.append(self.fleet.time)
-            self.fleet.add_obstacle(fault.obstacle)
-            if self._teller is not None:
-                self._teller.appeared(fault.obstacle)
-            self._note("fault", [], "an obstacle appears")
-            self._check_waypoints()
+            self._appear(fault.obstacle)
+
+    def _appear(self, obstacle: Obstacle) -> None:
+        self._obstacles.append(obstacle)
+        self._appeared.append(self.fleet.time)
+        self.fleet.add_obstacle(obstacle)
+        if self._teller is not None:
+            self._teller.appeared(obstacle)
+        self._note("fault", [], "an obstacle appears")
+        self._check_waypoints()
+
+    def _grant(self, request: Request) -> None:
+        """Do what a visitor asks for, or say why not."""
+        match request.command:
+            case Kill(agent):
+                if not 0 <= agent < self.fleet.n or agent in self.fleet.lost:
+                    request.refuse("agent: expected one that still flies")
+                else:
+                    self.fleet.lose(agent, "was switched off")
+            case AddObstacle(x, y, radius, height):
+                room = radius + self.fleet.required_separation
+                if any(math.hypot(x - row[P], y - row[P + 1]) < room for row in self.fleet.state):
+                    request.refuse(f"obstacle: expected {room:.2f} m between its centre and each vehicle")
+                    return
+                try:
+                    self._appear(cylinder(x, y, radius, height))
+                except ArgumentError as error:
+                    request.refuse(str(error))
 
     def _check_waypoints(self) -> None:
         """Send those again whose waypoint an obstacle may have taken: they get there, or find that they cannot."""
@@ -317,35 +325,34 @@ class _Sortie:
         while self._deadlines:
             self._tick()
         self._held = {agent: pose for agent, pose in self._held.items() if agent in self.fleet.lost}
-        self._reached = self._missed = 0
+        self._leg = Leg.WAYPOINT
         self._stage = "flying"
 
     def _come_home(self) -> None:
         """Fly back above the starting positions, then sink, all at once."""
         self._stage = "landing"
-        counts = self._reached, self._missed
-        flying = [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
-        for agent in flying:
+        if self._teller is not None:
+            self._teller.note(self.fleet.time, "landing", range(self.fleet.n), "all fly home and land")
+        self._leg = Leg.HOME
+        for agent in self._flying():
             self._depart(agent, self._homes[agent], self.altitudes[agent])
         while self._deadlines:
             self._tick()
-        for agent in flying:
-            if agent not in self.fleet.lost:
-                pose = self._homes[agent] if agent not in self._held else self._held[agent]
-                self._depart(agent, pose, 0.0)
+        self._leg = Leg.LANDING
+        for agent in self._flying():
+            self._depart(agent, self._held.get(agent, self._homes[agent]), -BELOW_GROUND)
         while self._deadlines:
             self._tick()
-            for agent in list(self._deadlines):
-                if self._has_landed(agent):
-                    del self._deadlines[agent]
-                    self.fleet.stop_motors(agent)
-                    self._note("landed", [agent], f"{self._name(agent)} landed")
-        self._reached, self._missed = counts
-        self.fleet.run(lambda: False, 0.2)
+        self.fleet.run(lambda: False, AT_REST)
 
-    def _has_landed(self, agent: int) -> bool:
-        state = self.fleet.state[agent]
-        return bool(self.fleet.on_ground(agent) or (state[P + 2] < TOUCHDOWN and abs(state[P + 5]) < 0.05))
+    def _flying(self) -> list[int]:
+        return [agent for agent in range(self.fleet.n) if agent not in self.fleet.lost]
+
+    def _touch_down(self, agent: int) -> None:
+        """Stop the motors of a vehicle that touches the ground."""
+        del self._deadlines[agent]
+        self.fleet.stop_motors(agent)
+        self._note(self._leg.reached, [agent], f"{self._name(agent)} {self._leg.arrival}")
 
     def _depart(self, agent: int, pose: Pose2, altitude: float) -> None:
         climb = abs(altitude - float(self.fleet.state[agent, P + 2]))
@@ -425,6 +432,7 @@ class _Sortie:
             required_separation=fleet.required_separation,
             altitudes=self.altitudes,
             separation_cost=math.nan,
+            max_outside_region=fleet.max_outside_region,
             collisions=len(fleet.simulator.collisions),
             tracking_rms=fleet.tracking_rms,
             waypoints_reached=self._reached,
@@ -434,37 +442,14 @@ class _Sortie:
             events=tuple(log.events),
         )
 
+    def _timing(self, deployment: Deployment) -> dict[str, float]:
+        """Return what the wall's time went into, seconds: flying is told apart from the trading that it serves."""
+        timing = {name: seconds for name, seconds in deployment.timing_s.items() if name != "total"}
+        if "trading" in timing:
+            timing["trading"] = max(0.0, timing["trading"] - self._air_trading_s)
+        timing["flying"] = self._air_s
+        return {**timing, "total": time.monotonic() - self._began}
+
     def _separation_cost(self, final: float) -> float:
-        """Return what keeping apart cost: the score of the same plan if nobody had to, less that of this one."""
-        if self._planned.separation is None:
-            return 0.0
         self.run.report("comparing", force=True)
-        free = plan(replace(self._planned, separation=None))
-        if self._missed or self.fleet.lost:  # what was flown is not what was planned
-            apart = plan(self._planned)
-            final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
-        return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan
-
-
-def check_starts(mission: Mission, fleet: Fleet) -> None:
-    """Check that the vehicles of a mission start far enough apart.
-
-    Raises
-    ------
-    InputError
-        With every pair that does not.
-    """
-    needed = fleet.required_separation
-    agents = mission.agents
-    close = []
-    for i, first in enumerate(agents):
-        for second in agents[i + 1 :]:
-            apart = math.hypot(first.pose.x - second.pose.x, first.pose.y - second.pose.y)
-            if apart < needed:
-                close.append(f"{first.name} and {second.name} start {apart:.2f} m apart")
-    if close:
-        shown = "; ".join(close[:10]) + (f"; and {len(close) - 10} more pairs" if len(close) > 10 else "")
-        raise InputError(
-            f"{mission.path or mission.name}: agents: expected vehicles that start at least {needed:.2f} m apart, "
-            f"since they take off and land there: {shown}; move their poses apart, or choose another flight.vehicle"
-        )
+        return separation_cost(self._planned, None if self._missed or self.fleet.lost else final)

@@ -73,6 +73,7 @@ def draw_map(
     *,
     frame: Frame | None = None,
     palette: Sequence[str] | None = None,
+    radius: float | None = None,
 ) -> None:
     """Draw region, landmarks coloured by owner, and poses.
 
@@ -86,6 +87,8 @@ def draw_map(
         Index of each landmark's owner, -1 for none.
     frame, palette : optional
         What part of the plane is shown at which scale, and the agents' colours; chosen here when absent.
+    radius : float, optional
+        Size of a pose's mark, points; by default what suits the number of agents.
     """
     palette = palette or colours([agent.name for agent in mission.agents])
     with mpl.rc_context(STYLE):
@@ -100,7 +103,8 @@ def draw_map(
             if agent.region is not mission.region:
                 _draw_region(ax, agent.region, palette[index], dashed=True)
         _draw_region(ax, mission.region, INK, cells=mission.landmarks.cell_size is not None)
-        radius = 10.0 if len(poses) <= 8 else 8.0 if len(poses) <= 16 else 6.5 if len(poses) <= 32 else 5.0
+        if radius is None:
+            radius = 10.0 if len(poses) <= 8 else 8.0 if len(poses) <= 16 else 6.5 if len(poses) <= 32 else 5.0
         marks = draw_poses(ax, poses, palette, numbers, radius=radius)
         if not numbered:
             _number_partitions(ax, mission.landmarks, owner, poses, numbers, frame, marks, radius)

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import shutil
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from covey.errors import OutputError
+
+PARTIAL = ".partial.mcap"
+"""End of the name of a record whose run goes on, or was killed; it is in nobody's way."""
+
+
+STAGING = re.compile(r"\.covey-\d+-[0-9a-f]{8}")
+"""Names of the folders in which files are made before they are moved to their place."""
+
+ABANDONED = 3600.0
+"""Such a folder in which nothing was written for so many seconds was left by a process that was killed."""
 
 
 def check_target(target: Path, names: Sequence[str], is_ours: Callable[[Path], bool], *, overwrite: bool) -> None:
@@ -41,7 +53,8 @@ def check_target(target: Path, names: Sequence[str], is_ours: Callable[[Path], b
             return
         if not target.is_dir():
             raise OutputError(f"{target}: expected a directory, got a file; choose another one")
-        present = sorted(entry.name for entry in target.iterdir())
+        names_there = sorted(entry.name for entry in target.iterdir())
+        present = [name for name in names_there if not name.endswith(PARTIAL) and not STAGING.fullmatch(name)]
     except OSError as error:
         raise OutputError(f"{target}: cannot be used as a directory: {error}") from error
     if present and not overwrite:
@@ -77,6 +90,7 @@ def staged(target: Path, names: Sequence[str]) -> Iterator[Path]:
     try:
         try:
             staging.parent.mkdir(parents=True, exist_ok=True)
+            _remove_abandoned(staging.parent)
             staging.mkdir()
             yield staging
             _publish(staging, target, names)
@@ -84,6 +98,16 @@ def staged(target: Path, names: Sequence[str]) -> Iterator[Path]:
             shutil.rmtree(staging, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what killed processes left; a film that is being written is touched all the time."""
+    for left in folder.iterdir():
+        if STAGING.fullmatch(left.name) and left.is_dir() and not left.is_symlink():
+            with contextlib.suppress(FileNotFoundError):  # another process removes it too
+                latest = max(path.stat().st_mtime for path in (left, *left.iterdir()))
+                if time.time() - latest > ABANDONED:
+                    shutil.rmtree(left, ignore_errors=True)
 
 
 def _publish(staging: Path, target: Path, names: Sequence[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.changing import ChangingTeam
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.steering import Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Standing, Team, Travel
 from covey.runtime.telling import TeamTeller, describe
@@ -46,6 +48,7 @@ def plan(
     baseline: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
     watch: Watcher | None = None,
+    steering: Steering | None = None,
 ) -> Deployment:
     """Plan a mission: the agents trade landmarks and choose poses until no trade and no move helps, proved.
 
@@ -66,6 +69,8 @@ def plan(
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
         Called with all there is to see, when it happens: `covey.runtime.feed`.
+    steering : Steering, optional
+        Lets others pause it and set its speed.
 
     Returns
     -------
@@ -95,11 +100,11 @@ def plan(
     if bound:
         require_built_in(run.models)
     if mission.changes and mission.separation is not None:
-        raise InputError(
-            "changes: expected a mission in which no agents share an altitude"
-        )
+        raise InputError("changes: expected a mission in which no agents share an altitude")
     if watch is not None and mission.changes:
         raise InputError("changes: expected a mission without, to be watched; leave the key out or do not watch")
+    if steering is not None:
+        run.steering, watch = steering, steering.counting(watch)
     if watch is not None:
         scene = describe(run.mission, run.models, run=Run.PLAN, software=software_versions())
         run.teller = TeamTeller(watch, run.team, scene)
@@ -136,6 +141,7 @@ class PlanRun:
         kind = ChangingTeam if mission.changes else Team
         self.team = kind(mission, self.planner, seed=self.seed, travel=travel)
         self.teller: TeamTeller | None = None
+        self.steering: Steering | None = None
         self.timing: dict[str, float] = {}
         self._on_progress = on_progress
         self._reported = 0.0
@@ -278,7 +284,12 @@ class PlanRun:
         self.report("proving", fraction=done / of)
 
     def report(self, stage: str, *, fraction: float | None = None, force: bool = False) -> None:
-        """Tell how far the run is, when it is time to."""
+        """Tell how far the run is, when it is time to, and wait while others hold it."""
+        self._report(stage, fraction, force=force)
+        if self.steering is not None:
+            self.steering.hold(lambda: self._report(stage, fraction, force=False))
+
+    def _report(self, stage: str, fraction: float | None, *, force: bool) -> None:
         now = time.monotonic()
         if self._on_progress is not None and (force or now - self._reported >= REPORT_EVERY):
             self._reported = now
@@ -300,3 +311,26 @@ def software_versions() -> dict[str, str]:
 
     versions = {name: metadata.version(name) for name in ("numpy", "numba", "scipy", "shapely")}
     return {"covey": covey.__version__, "python": platform.python_version(), **versions, "platform": platform.machine()}
+
+
+def separation_cost(mission: Mission, final: float | None) -> float:
+    """Return what keeping apart costs in score: that of the plan if nobody had to, less that of the plan as it is.
+
+    Parameters
+    ----------
+    mission : Mission
+    final : float or None
+        The score of the plan as it is; None to plan it.
+
+    Returns
+    -------
+    float
+        0 where nobody shares a layer, NaN after Ctrl-C.
+    """
+    if mission.separation is None:
+        return 0.0
+    free = plan(replace(mission, separation=None))
+    if final is None:  # what was flown is not what was planned
+        apart = plan(mission)
+        final = apart.score.final if apart.status is PlanStatus.SETTLED else math.nan
+    return free.score.final - final if free.status is PlanStatus.SETTLED else math.nan

@@ -17,8 +17,18 @@ from covey.runtime.output import check_target, staged
 from covey.runtime.result import Deployment
 
 RESULT = "result.json"
+RECORD = "record.mcap"
 FLIGHT_FILES = ("flight.npz", "flight.png", "flight.pdf", "flight.mp4", "flight.gif")
-FILES = ("agents.csv", "deployment.png", "deployment.pdf", "deployment.geojson", *FLIGHT_FILES, RESULT)
+FILES = (
+    "agents.csv",
+    "deployment.png",
+    "deployment.pdf",
+    "deployment.geojson",
+    *FLIGHT_FILES,
+    "launch.json",
+    RECORD,
+    RESULT,
+)
 """What a result directory may hold; `RESULT` last, since a directory that has it is complete."""
 
 MAX_BYTES = 500_000_000
@@ -124,7 +134,8 @@ def read_result(directory: str | Path) -> Deployment:
             raise ResultError(f"{path}: expected at most {MAX_BYTES:,} bytes, got {path.stat().st_size:,}")
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError as error:
-        raise ResultError(f"{path}: no result here; expected a directory that `covey plan` wrote") from error
+        expected = "expected a directory that `covey plan` or `covey fly` wrote"
+        raise ResultError(f"{path}: no result here; {expected}") from error
     except UnicodeDecodeError as error:
         raise ResultError(f"{path}: expected JSON in UTF-8, got other bytes") from error
     except (OSError, ValueError) as error:

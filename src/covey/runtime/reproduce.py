@@ -84,7 +84,8 @@ def reproduce_thesis(
     Returns
     -------
     tuple of Deployment
-        One a seed.
+        One a seed; after Ctrl-C (KeyboardInterrupt) those that were planned by then, with what follows from them
+        written.  If there is none it goes on, and nothing is written.
 
     Raises
     ------
@@ -97,17 +98,21 @@ def reproduce_thesis(
     check_target(target, NAMES, _is_reproduction, overwrite=overwrite)
     mission = thesis_mission()
     deployments: list[Deployment] = []
-    for seed in range(seeds):
-        deployment = plan(mission, seed=seed, trade=Trade.THESIS)
-        if deployment.status.value == "interrupted":
-            raise KeyboardInterrupt
-        deployments.append(deployment)
-        if on_progress is not None:
-            on_progress(Progress(f"seed {seed}", deployment.score.final, deployment.trades, 0, (seed + 1) / seeds))
+    try:
+        for seed in range(seeds):
+            deployment = plan(mission, seed=seed, trade=Trade.THESIS)
+            if deployment.status.value == "interrupted":
+                raise KeyboardInterrupt
+            deployments.append(deployment)
+            if on_progress is not None:
+                on_progress(Progress(f"seed {seed}", deployment.score.final, deployment.trades, 0, (seed + 1) / seeds))
+    except KeyboardInterrupt:
+        if not deployments:
+            raise
     with staged(target, NAMES) as staging:
         _write_figures(deployments[0], staging)
         _write_scores(deployments, staging / "scores.csv")
-        (staging / PAGE).write_text(_page(deployments, staging), encoding="utf-8")
+        (staging / PAGE).write_text(_page(deployments, staging, asked=seeds), encoding="utf-8")
     return tuple(deployments)
 
 
@@ -191,9 +196,10 @@ def _figure(folder: Path, number: str, text: str) -> str:
     )
 
 
-def _page(deployments: Sequence[Deployment], folder: Path) -> str:
+def _page(deployments: Sequence[Deployment], folder: Path, *, asked: int) -> str:
     """Return the page, which holds the figures of the folder itself."""
     first = deployments[0]
+    early = f" The run was interrupted; {asked} were asked for." if len(deployments) < asked else ""
     rows = "\n".join(
         f"<tr><th>{html.escape(title)}</th><td>{thesis:.2f}</td><td>{mean:.2f}</td><td>{low:.2f} to {high:.2f}</td>"
         f"<td>{getattr(first.score, name):.2f}</td></tr>"
@@ -234,7 +240,7 @@ figcaption {{ color: #666; font-size: 0.9rem; }}
 <body>
 <h1>Section 5.1 of the thesis, reproduced</h1>
 <p>Four agents cover 400 landmarks on 10 m by 10 m. The initial assignment is random, so the thesis's scores are one
-draw; ours are of {len(deployments)} seeds with the thesis's own way of trading, sigma {first.sigma:g}.</p>
+draw; ours are of {len(deployments)} seeds with the thesis's own way of trading, sigma {first.sigma:g}.{early}</p>
 <table>
 <thead><tr><th>coverage score</th><th>thesis</th><th>our mean</th><th>our range</th>
 <th>seed {first.seed}, below</th></tr></thead>

@@ -146,7 +146,8 @@ def reproduce_flight(
     Returns
     -------
     tuple of Finding
-        One a statement of the thesis.
+        One a statement of the thesis; after Ctrl-C (KeyboardInterrupt) those whose scenes were flown by then, with what
+        follows from them written.  If there is none it goes on, and nothing is written.
 
     Raises
     ------
@@ -158,27 +159,38 @@ def reproduce_flight(
     kinds = [Kind(kind) for kind in simulators]
     told = _Teller(on_progress, len(SCENES) * (1 + len(kinds)) + len(DRAWINGS))
     runs: dict[str, dict[str, Run]] = {}
-    for name in SCENES:
-        exercise = scene(name)
-        told(f"flying {name}")
-        runs[name] = {}
-        model = ideal_run(exercise)
-        if model is not None:
-            runs[name]["ideal"] = model
-        for kind in kinds:
-            told(f"flying {name} in {kind.value}")
-            result = fly_exercise(exercise, simulator=kind)
-            if result.interrupted:
-                raise KeyboardInterrupt
-            runs[name][kind.value] = Run(exercise, result.log, result.summary["collisions"])
+    try:
+        for name in SCENES:
+            runs[name] = _fly(scene(name), name, kinds, told)
+    except KeyboardInterrupt:
+        if not runs:
+            raise
+        told = _Teller(None, 1)  # Ctrl-C was heeded; it would be again at every word
     findings = tuple(
-        Finding(item, {label: item.measure(run) for label, run in runs[item.scene].items()}) for item in STATEMENTS
+        Finding(item, {label: item.measure(run) for label, run in runs[item.scene].items()})
+        for item in STATEMENTS
+        if item.scene in runs
     )
     with staged(target, NAMES) as staging:
-        images = _draw(runs, staging, told)
+        images, complete = _draw(runs, staging, told)
         _write_measures(findings, staging / TABLE)
-        (staging / PAGE).write_text(page(findings, images, staging), encoding="utf-8")
+        note = "" if complete else f"The run was interrupted: {len(runs)} of {len(SCENES)} scenes were flown."
+        (staging / PAGE).write_text(page(findings, images, staging, note=note), encoding="utf-8")
     return findings
+
+
+def _fly(exercise: Exercise, name: str, kinds: Sequence[Kind], told: _Teller) -> dict[str, Run]:
+    """Fly a scene by the thesis's model, if it has one, and in each simulator."""
+    told(f"flying {name}")
+    model = ideal_run(exercise)
+    runs = {} if model is None else {"ideal": model}
+    for kind in kinds:
+        told(f"flying {name} in {kind.value}")
+        result = fly_exercise(exercise, simulator=kind)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        runs[kind.value] = Run(exercise, result.log, result.summary["collisions"])
+    return runs
 
 
 def findings_text(findings: Sequence[Finding]) -> str:
@@ -272,11 +284,17 @@ class _Teller:
         self._count += 1
 
 
-def _draw(runs: dict[str, dict[str, Run]], staging: Path, told: _Teller) -> list[Image]:
+def _draw(runs: dict[str, dict[str, Run]], staging: Path, told: _Teller) -> tuple[list[Image], bool]:
+    """Draw the figures of what was flown; return them, and whether all there may be are there."""
     scenes = {statement.key: statement.scene for statement in STATEMENTS}
-    images = []
+    images: list[Image] = []
     for drawing in DRAWINGS:
-        told(f"drawing {drawing.name}")
+        if scenes[drawing.statement] not in runs:
+            continue
+        try:
+            told(f"drawing {drawing.name}")
+        except KeyboardInterrupt:
+            return images, False
         logs = {label: run.log for label, run in runs[scenes[drawing.statement]].items()}
         last = next(reversed(logs))
         for label in dict.fromkeys(["ideal", last] if "ideal" in logs else [last]):
@@ -285,7 +303,7 @@ def _draw(runs: dict[str, dict[str, Run]], staging: Path, told: _Teller) -> list
             for kind in ("png", "pdf"):
                 save_figure(figure, staging / f"{drawing.name}-{suffix}.{kind}")
             images.append(Image(f"{drawing.name}-{suffix}", drawing.statement, drawing.caption, label))
-    return images
+    return images, len(runs) == len(SCENES)
 
 
 def _write_measures(findings: Sequence[Finding], file: Path) -> None:

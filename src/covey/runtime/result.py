@@ -135,6 +135,8 @@ class FlightReport:
         What keeping apart cost in score: what `plan` reaches with the same seed if agents that share a layer may come
         as close as they like, less what it reaches as it is.  Both are local optima, so luck may make it negative.
         0 where nobody shares a layer; NaN if it was not computed.
+    max_outside_region : float
+        How far a vehicle in the air has been outside its agent's region, 0 if never.
     collisions : int
     tracking_rms : float
         Root mean square of the distance from the reference.
@@ -154,6 +156,7 @@ class FlightReport:
     required_separation: float
     altitudes: tuple[float, ...]
     separation_cost: float
+    max_outside_region: float
     collisions: int
     tracking_rms: float
     waypoints_reached: int

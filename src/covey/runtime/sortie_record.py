@@ -16,7 +16,7 @@ from covey.vehicles.flight_log import FlightLog
 
 if TYPE_CHECKING:
     from covey.runtime.exercise import ExerciseResult
-    from covey.runtime.fly import Flight
+    from covey.runtime.flight import Flight
 
 SCHEMA_VERSION = 1
 
@@ -26,8 +26,6 @@ def write_flight(
     directory: str | Path,
     *,
     overwrite: bool = False,
-    film: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
 ) -> Path:
     """Write a flight into a directory, whole or not at all.
 
@@ -38,9 +36,6 @@ def write_flight(
         It is made if need be.
     overwrite : bool
         Replace an earlier result of covey there.
-    film : bool
-        Also make a film.
-    on_progress : callable, optional
 
     Returns
     -------
@@ -54,11 +49,39 @@ def write_flight(
     """
 
     def write(staging: Path) -> None:
-        mission = flight.deployment.mission
-        vehicles = [load_vehicle(mission.flight.vehicle)] * len(mission.agents)
-        _write_log(flight.log, vehicles, staging, flight=flight, film=film, on_progress=on_progress)
+        _write_log(flight.log, staging, flight=flight)
 
     return write_result(flight.deployment, directory, overwrite=overwrite, more=write)
+
+
+def film_flight(
+    flight: Flight, directory: str | Path, *, on_progress: Callable[[Progress], None] | None = None
+) -> Path | None:
+    """Add a film to the directory of a flight.
+
+    It takes longer than the flight, so it is made when all else is written: whatever ends it leaves that as it is.
+
+    Parameters
+    ----------
+    flight : Flight
+    directory : str or Path
+        Where `write_flight` wrote it.
+    on_progress : callable, optional
+        Told before the film and after each picture; what it raises ends the film.
+
+    Returns
+    -------
+    Path or None
+        The film; None for a flight that ended before there was anything to film.
+
+    Raises
+    ------
+    OutputError
+        If there is a film already, it cannot be written, or ffmpeg fails.
+    """
+    mission = flight.deployment.mission
+    vehicles = [load_vehicle(mission.flight.vehicle)] * len(mission.agents)
+    return _film(flight.log, vehicles, Path(directory), flight=flight, on_progress=on_progress)
 
 
 def write_exercise(
@@ -66,10 +89,8 @@ def write_exercise(
     directory: str | Path,
     *,
     overwrite: bool = False,
-    film: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
 ) -> Path:
-    """Write an exercise into a directory, whole or not at all: its summary, log, figures and film.
+    """Write an exercise into a directory, whole or not at all: its summary, log and figures.
 
     Raises
     ------
@@ -79,10 +100,23 @@ def write_exercise(
     target = Path(directory)
     check_exercise_target(target, overwrite=overwrite)
     with staged(target, (*FLIGHT_FILES, RESULT)) as staging:
-        vehicles = [vehicle.parameters for vehicle in result.exercise.vehicles]
-        _write_log(result.log, vehicles, staging, film=film, on_progress=on_progress)
+        _write_log(result.log, staging)
         (staging / RESULT).write_text(exercise_text(result), encoding="utf-8")
     return target
+
+
+def film_exercise(
+    result: ExerciseResult, directory: str | Path, *, on_progress: Callable[[Progress], None] | None = None
+) -> Path | None:
+    """Add a film to the directory of an exercise: see `film_flight`.
+
+    Raises
+    ------
+    OutputError
+        If there is a film already, it cannot be written, or ffmpeg fails.
+    """
+    vehicles = [vehicle.parameters for vehicle in result.exercise.vehicles]
+    return _film(result.log, vehicles, Path(directory), on_progress=on_progress)
 
 
 def check_exercise_target(directory: str | Path, *, overwrite: bool = False) -> None:
@@ -116,15 +150,7 @@ def _is_exercise_result(target: Path) -> bool:
     return isinstance(document, dict) and {"exercise", "flight", "schema_version"} <= set(document)
 
 
-def _write_log(
-    log: FlightLog,
-    vehicles: Sequence[VehicleParameters],
-    staging: Path,
-    *,
-    flight: Flight | None = None,
-    film: bool,
-    on_progress: Callable[[Progress], None] | None,
-) -> None:
+def _write_log(log: FlightLog, staging: Path, *, flight: Flight | None = None) -> None:
     from covey.runtime import figures, flight_figures
 
     log.save(staging / "flight.npz")
@@ -135,29 +161,40 @@ def _write_log(
     drawn = flight_figures.flight_figures(log, deployment, obstacles=obstacles)
     figures.save_figure(drawn["overview"], staging / "flight.png")
     figures.save_pages(list(drawn.values()), staging / "flight.pdf")
-    if film:
-        from covey.runtime.film import write_film
-        from covey.runtime.film_scene import film_scene
 
-        score = math.nan if deployment is None else deployment.score.final
 
-        def report(fraction: float) -> None:
-            if on_progress is not None:
-                on_progress(Progress("filming", score, fraction=fraction))
+def _film(
+    log: FlightLog,
+    vehicles: Sequence[VehicleParameters],
+    target: Path,
+    *,
+    flight: Flight | None = None,
+    on_progress: Callable[[Progress], None] | None,
+) -> Path | None:
+    if len(log.time) < 2:
+        return None
+    from covey.runtime.film import write_film
+    from covey.runtime.film_scene import film_scene
 
-        mission = None if deployment is None else deployment.mission
-        moments = () if flight is None else flight.moments
-        appeared = () if flight is None else flight.appeared
-        with film_scene(
-            log, vehicles, mission=mission, snapshots=moments, obstacles=obstacles, appeared=appeared
-        ) as scene:
-            write_film(
-                log,
-                staging / "flight",
-                mission=mission,
-                snapshots=moments,
-                scene=scene,
-                obstacles=obstacles,
-                appeared=appeared,
-                on_progress=report,
-            )
+    score = math.nan if flight is None else flight.deployment.score.final
+    mission = None if flight is None else flight.deployment.mission
+    moments = () if flight is None else flight.moments
+    obstacles = () if flight is None else flight.obstacles
+    appeared = () if flight is None else flight.appeared
+
+    def report(fraction: float) -> None:
+        if on_progress is not None:
+            on_progress(Progress("filming", score, fraction=fraction))
+
+    report(0.0)
+    with film_scene(log, vehicles, mission=mission, snapshots=moments, obstacles=obstacles, appeared=appeared) as scene:
+        return write_film(
+            log,
+            target / "flight",
+            mission=mission,
+            snapshots=moments,
+            scene=scene,
+            obstacles=obstacles,
+            appeared=appeared,
+            on_progress=report,
+        )

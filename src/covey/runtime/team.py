@@ -152,6 +152,10 @@ class Team:
         Root of all randomness.
     travel : Travel, optional
         How agents get to their waypoints; at once by default.
+    options : NodeOptions, optional
+        Of the agents.
+    delay : (float, float)
+        Shortest and longest time that a message takes, seconds.
 
     Raises
     ------
@@ -168,7 +172,16 @@ class Team:
     hears each event the moment it happens; the nodes themselves know only what messages told them.
     """
 
-    def __init__(self, mission: Mission, planner: TeamPlanner, *, seed: int, travel: Travel | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        planner: TeamPlanner,
+        *,
+        seed: int,
+        travel: Travel | None = None,
+        options: NodeOptions | None = None,
+        delay: tuple[float, float] = (0.5e-3, 1.5e-3),
+    ) -> None:
         check_clear_starts(mission)
         self.mission = mission
         self.travel = travel or Teleport()
@@ -181,13 +194,14 @@ class Team:
         self.scores = self._all_scores()
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
-        self.bus = Loopback(rng=generator(seed, Stream.BUS))
+        self.bus = Loopback(rng=generator(seed, Stream.BUS), delay=delay)
         records = LandmarkRecords.initial(
             len(mission.landmarks), {agent: np.flatnonzero(self.owner == agent) for agent in agents}
         )
         poses = dict(enumerate(self.poses))
         links = build_links(mission)
-        options = None if links is None and not mission.changes else NodeOptions(membership=MEMBERSHIP)
+        if options is None and (links is not None or mission.changes):
+            options = NodeOptions(membership=MEMBERSHIP)
         self._links, self._options = links, options
         self.nodes = [
             Node(agent, list(agents), records, poses, planner, order=nearest_first, options=options, links=links)
@@ -198,7 +212,8 @@ class Team:
         self._detector = TerminationDetector(agents)
         self.bus.observe(self._detector.receive)
         for agent, node in enumerate(self.nodes):
-            self.bus.attach(node, generator(seed, Stream.NODE, agent), hears_heartbeats=options is not None)
+            mortal = options is not None and options.membership is not None
+            self.bus.attach(node, generator(seed, Stream.NODE, agent), hears_heartbeats=mortal)
         self._first_client: int | None = None
 
     @property
@@ -342,11 +357,13 @@ class Team:
             self._first_client = trade.client
         self._log("trade", (trade.client, trade.server))
 
+    def _score_of(self, agent: int) -> float:
+        own = np.flatnonzero(self.owner == agent)
+        return float(self.planner.visibility(agent, self.poses[agent])[own] @ self.mission.landmarks.weights[own])
+
     def _log(self, event: str, agents: tuple[int, ...]) -> None:
-        weights = self.mission.landmarks.weights
         for agent in agents:
-            own = np.flatnonzero(self.owner == agent)
-            self.scores[agent] = self.planner.visibility(agent, self.poses[agent])[own] @ weights[own]
+            self.scores[agent] = self._score_of(agent)
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
         if self.onlooker is not None:

@@ -40,20 +40,41 @@ from covey.runtime.view import TeamView
 from covey.sensing import VisibilityModel
 
 KEYFRAME_EVERY = 256
-"""After so many updates of the committed state the whole of it is told again."""
+KEYFRAME_SECONDS = 10.0
+"""After so many updates of the committed state, or seconds of a flight, the whole of it is told again."""
 
 MOTION_EVERY = 0.05
 """Seconds between two `Motion`s of a flight."""
 
+LOOK_EVERY = 0.2
+"""Seconds of a flight between two looks at what the agents are doing."""
+
 HEALTH_EVERY = 1.0
 """Seconds between two `Health`s of a flight in which nobody's activity changes."""
 
-_KINDS = {
+KINDS = {
     "optimization": ChangeKind.OPTIMIZATION,
     "trade": ChangeKind.TRADE,
     "proof": ChangeKind.PROOF,
     "abandoned": ChangeKind.ABANDONED,
     "lost": ChangeKind.DEATH,
+    "adoption": ChangeKind.ADOPTION,
+    "death": ChangeKind.DEATH,
+    "return": ChangeKind.RETURN,
+    "agreed": ChangeKind.ADOPTION,
+}
+"""Events of the history as watchers know them."""
+
+_TEXTS = {
+    "optimization": "{who} found a better pose",
+    "trade": "{who} trade: {moved} and their poses",
+    "proof": "the proof found {who} a better pose",
+    "abandoned": "{who} cannot reach its waypoint and holds another pose",
+    "lost": "{who} does not fly any more",
+    "adoption": "{who} adopts {moved}",
+    "death": "{who} is dead",
+    "return": "{who} is back",
+    "agreed": "all agree on {moved} that several had adopted",
 }
 
 
@@ -77,6 +98,7 @@ class Teller:
         self.scene = scene
         self.view = TeamView()
         self._since_keyframe = 0
+        self._keyframe_at = -math.inf
 
     def tell(self, item: Scene | Update) -> None:
         """Tell anything."""
@@ -85,7 +107,7 @@ class Teller:
 
     def state(self, state: TeamState) -> None:
         """Tell the whole committed state."""
-        self._since_keyframe = 0
+        self._since_keyframe, self._keyframe_at = 0, state.time
         self.tell(state)
 
     def change(
@@ -162,7 +184,7 @@ class TeamTeller(Teller):
         self._activity = np.full(m, Activity.IDLE, dtype=np.uint8)
         self._heard = np.full(m, np.nan)
         self._acts = 0  # since the last Health
-        self._healthy_at = -math.inf
+        self._healthy_at = self._look_at = -math.inf
         team.onlooker = self
         self.begin(scene)
 
@@ -176,12 +198,16 @@ class TeamTeller(Teller):
 
     def changed(self, event: str, agents: tuple[int, ...]) -> None:
         """Tell that the committed state changed."""
-        now, kind = self._clock(), _KINDS[event]
+        now, kind = self._clock(), KINDS[event]
         if kind is ChangeKind.DEATH:
             self._dead.update(agents)
             self._activity[list(agents)] = Activity.DEAD
-        moved = int((self._team.owner != self.view.owner).sum()) if kind is ChangeKind.TRADE else 0
-        text = _text(kind, [self._names[agent] for agent in agents], moved, self._team.score)
+            for agent in agents:
+                self._close(agent)
+        elif kind is ChangeKind.RETURN:
+            self._dead.difference_update(agents)
+        moved = int((self._team.owner != self.view.owner).sum())
+        text = change_text(event, [self._names[agent] for agent in agents], moved, self._team.score)
         self.change(now, kind, agents, self._team.owner, self._poses(), self._team.scores, text)
         if kind is ChangeKind.TRADE:
             self._close(agents[1])
@@ -219,10 +245,14 @@ class TeamTeller(Teller):
         poses = np.concatenate([state[:, P : P + 3], state[:, QUAT : QUAT + 4]], axis=1)
         velocities, rates = state[:, V : V + 3].copy(), state[:, OMEGA : OMEGA + 3].copy()
         self.tell(Motion(now, poses, velocities, rates, objects_W.copy(), score_flown, separation))
-        for agent, node in enumerate(self._team.nodes):
-            self._activity[agent] = self._activity_of(node)
+        if now < self._look_at:
+            return
+        self._look_at = now + LOOK_EVERY - 0.5 * MOTION_EVERY
+        self._look()
         if self._is_health_news() or now - self._healthy_at >= HEALTH_EVERY:
             self._tell_health()
+        if now - self._keyframe_at >= KEYFRAME_SECONDS:
+            self.state(self.view.state(now))
 
     def note(self, time: float, kind: str, agents: Sequence[int], text: str) -> None:
         """Tell of something that changes nothing."""
@@ -248,8 +278,7 @@ class TeamTeller(Teller):
 
     def end(self, status: str, holds: bool | None) -> None:
         """Tell the last state, and that the run is over."""
-        for agent, node in enumerate(self._team.nodes):
-            self._activity[agent] = self._activity_of(node)
+        self._look()
         if self._is_health_news():
             self._tell_health()
         self.state(self._state())
@@ -266,6 +295,10 @@ class TeamTeller(Teller):
         now = self._clock()
         self.tell(Trading(now, offer.trade.client, server, give, want, stands))
         self.count(now)
+
+    def _look(self) -> None:
+        for agent, node in enumerate(self._team.nodes):
+            self._activity[agent] = self._activity_of(node)
 
     def _activity_of(self, node: Node) -> Activity:
         if node.agent in self._dead:
@@ -286,8 +319,8 @@ class TeamTeller(Teller):
         self._acts = 0
         self._healthy_at = now = self._clock()
         unknown = np.full(len(self._names), np.nan)
-        # the in-process bus loses nothing
-        self.tell(Health(now, self._activity.copy(), unknown, np.ones(len(self._names)), self._heard.copy()))
+        link = np.full(len(self._names), 1.0 - self._team.bus.loss)
+        self.tell(Health(now, self._activity.copy(), unknown, link, self._heard.copy()))
 
     def _poses(self) -> NDArray[np.float64]:
         return pose_rows(self._team.poses, self._altitudes)
@@ -377,13 +410,7 @@ def pose_rows(poses: Sequence[Pose2], altitudes: Sequence[float] | NDArray[np.fl
     return rows
 
 
-def _text(kind: ChangeKind, names: Sequence[str], moved: int, score: float) -> str:
-    who = " and ".join(names)
-    what = {
-        ChangeKind.OPTIMIZATION: f"{who} found a better pose",
-        ChangeKind.TRADE: f"{who} trade: {moved} landmark{'s' * (moved != 1)} and their poses",
-        ChangeKind.PROOF: f"the proof found {who} a better pose",
-        ChangeKind.ABANDONED: f"{who} cannot reach its waypoint and holds another pose",
-        ChangeKind.DEATH: f"{who} does not fly any more",
-    }[kind]
-    return f"{what}; score {score:.2f}"
+def change_text(event: str, names: Sequence[str], moved: int, score: float) -> str:
+    """Return what happened, for people: an event of the history, whom it concerns, how many landmarks changed hands."""
+    landmarks = f"{moved} landmark{'s' * (moved != 1)}"
+    return f"{_TEXTS[event].format(who=' and '.join(names), moved=landmarks)}; score {score:.2f}"

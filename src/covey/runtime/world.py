@@ -15,7 +15,7 @@ from covey.flight.sensing import SensorNoise
 from covey.flight.simulator import Simulator
 from covey.flight.wind import Wind
 from covey.mission import Mission
-from covey.mission.flight import NoiseSpec, WindSpec
+from covey.mission.flight import FlightSpec, NoiseSpec, WindSpec
 from covey.runtime.streams import Stream, generator
 from covey.vehicles.fleet import Arrival, Fleet, Kind
 from covey.vehicles.kinematic import KinematicSimulator
@@ -63,7 +63,7 @@ def build_simulator(
     return MujocoSimulator(vehicles, positions_W, yaws, obstacles=obstacles, wind=air, noise=errors, rng=rng)
 
 
-def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Fleet:
+def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False, log_every: float = LOG_EVERY) -> Fleet:
     """Build the fleet of a mission, one vehicle an agent, standing at the agents' starting poses."""
     spec = mission.flight
     vehicle = load_vehicle(spec.vehicle)
@@ -80,9 +80,19 @@ def build_fleet(mission: Mission, kind: Kind, *, realtime: bool = False) -> Flee
     return Fleet(
         simulator,
         [agent.name for agent in mission.agents],
-        navigator=Navigator(vehicles, spec.obstacles, options),
+        navigator=Navigator(vehicles, spec.obstacles, options, regions=[agent.region for agent in mission.agents]),
         kind=kind,
         arrival=Arrival(spec.arrival_position, spec.arrival_yaw),
-        log_every=LOG_EVERY,
+        log_every=log_every,
         realtime=realtime,
     )
+
+
+def not_felt(spec: FlightSpec, kind: Kind) -> str:
+    """Say what of a mission's flight changes nothing for its vehicles: kinematic ones have no physics."""
+    felt = {
+        "wind": not spec.wind.calm,
+        "noise": not spec.noise.exact,
+        "motors that stop": any(fault.rotor is not None for fault in spec.faults),
+    }
+    return ", ".join(name for name, given in felt.items() if given) if kind is Kind.KINEMATIC else ""

@@ -76,25 +76,21 @@ def visibility_gradients(
 
 @fast_kernel
 def gain_gradient(
-    kind: int,
-    landmarks: NDArray[np.float64],
-    inverse: float,
-    px: float,
-    py: float,
-    c: float,
-    s: float,
-    gradient: NDArray[np.float64],
-) -> float:
+    kind: int, landmarks: NDArray[np.float64], inverse: float, px: float, py: float, c: float, s: float
+) -> tuple[float, float, float, float]:
     """Sum of ``w_k max(0, vis - lambda_k)`` over all landmarks from one pose, and its gradient.
 
     The formulas are those of `visibility_gradients`, whose arguments these are; summing on the way saves the trip
-    through memory.  `gradient`, shape (3,), is overwritten: by the position in optimal distances, and by the heading.
+    through memory, and so does summing along and across the heading.  The gradient is by the position in optimal
+    distances (two numbers), and by the heading.
     """
-    total = gx = gy = gt = 0.0
+    total = ahead = across = gt = 0.0
     for k in range(landmarks.shape[1]):
         qx = (landmarks[0, k] - px) * inverse
         qy = (landmarks[1, k] - py) * inverse
-        r2 = qx * qx + qy * qy
+        u = qx * c + qy * s
+        v = qy * c - qx * s
+        r2 = u * u + v * v
         i = 1.0 / max(r2, 1.0)
         w = landmarks[4, k]
         if kind == ISOTROPIC:
@@ -103,31 +99,53 @@ def gain_gradient(
             w = w if gain > 0.0 else 0.0
             g = -i / r if r2 > 1.0 else 1.0 / r
             total += w * gain
-            gx -= w * g * qx
-            gy -= w * g * qy
+            ahead -= w * g * u
+            across -= w * g * v
         else:
-            value = (qx * c + qy * s) * i
-            turn = (qy * c - qx * s) * i
-            g = 2.0 * value * i if r2 > 1.0 else 0.0
+            value = u * i
+            turn = v * i
+            g = 2.0 * value if r2 > 1.0 else 0.0
             if kind == ORIENTED:
                 facing = max(0.0, -(landmarks[2, k] * c + landmarks[3, k] * s))
-                turn = turn * facing + value * (landmarks[2, k] * s - landmarks[3, k] * c)
                 gain = value * facing - landmarks[5, k]
                 w = w if gain > 0.0 else 0.0
                 total += w * gain
-                gt += w * turn
+                gt += w * (turn * facing + value * (landmarks[2, k] * s - landmarks[3, k] * c))
                 w *= facing
             else:
                 gain = value - landmarks[5, k]
                 w = w if gain > 0.0 else 0.0
                 total += w * gain
                 gt += w * turn
-            gx -= w * (c * i - g * qx)
-            gy -= w * (s * i - g * qy)
-    gradient[0] = gx
-    gradient[1] = gy
-    gradient[2] = gt
-    return total
+            ahead += w * (g * value - i)
+            across += w * (g * turn)
+    return total, ahead * c - across * s, ahead * s + across * c, gt
+
+
+@fast_kernel
+def best_turn(
+    landmarks: NDArray[np.float32], inverse: np.float32, px: np.float32, py: np.float32, c: np.float32, s: np.float32
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Turn the anisotropic sensor, where it stands, to what it sees: (V along d, V across d, sum of gains there).
+
+    Over the landmarks that count, those with vis > lambda, the sum of gains is V . d - L with one vector V and one
+    number L.  It is largest where d points along V, and landmarks that count there on top only add to it: the sum
+    returned is what there is at least.  The arguments are those of `gain_gradient`, in single precision, which will do
+    to choose among poses.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    total = ahead = across = zero
+    for k in range(landmarks.shape[1]):
+        qx = (landmarks[0, k] - px) * inverse
+        qy = (landmarks[1, k] - py) * inverse
+        i = one / max(qx * qx + qy * qy, one)
+        value = (qx * c + qy * s) * i
+        gain = value - landmarks[5, k]
+        w = landmarks[4, k] if gain > zero else zero
+        total += w * gain
+        ahead += w * value
+        across += w * ((qy * c - qx * s) * i)
+    return ahead, across, total + np.sqrt(ahead * ahead + across * across) - ahead
 
 
 @fast_kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from covey.protocol import Heartbeat, Message
+from covey.protocol import Heartbeat, Map, Message, Sender
 
 
 @runtime_checkable
@@ -51,4 +51,28 @@ class RealTransport(Transport, Protocol):
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, seconds at most; whether it has."""
+        ...
+
+    @property
+    def peers(self) -> frozenset[Sender]:
+        """The other agents that are connected, each in its newest life."""
+        ...
+
+    @property
+    def suspects(self) -> frozenset[Sender]:
+        """The other agents that were connected and are lost: by death, or because the way to them broke."""
+        ...
+
+    @property
+    def superseded(self) -> bool:
+        """Whether a newer life of this agent is on the network: then this one is over."""
+        ...
+
+    @property
+    def map_wanted(self) -> bool:
+        """Whether somebody waits for `show_map`."""
+        ...
+
+    def show_map(self, known: Map) -> None:
+        """Tell who asked what this agent knows."""
         ...

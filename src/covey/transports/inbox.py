@@ -107,6 +107,7 @@ class Inbox:
         self._arrivals: deque[Arrival] = deque()
         self._bytes = 0
         self._closed = False
+        self._woken = False
         self._arrived = threading.Condition()
         self._taking = threading.Lock()
         self._guards: dict[int, ReplayGuard] = {}
@@ -146,10 +147,17 @@ class Inbox:
         arrival.done(False)
 
     def wait(self, timeout: float) -> bool:
-        """Wait until something is there, seconds at most; whether it is."""
+        """Wait until something is there, or `wake` is called, seconds at most; whether something is."""
         with self._arrived:
-            self._arrived.wait_for(lambda: self._closed or self._arrivals, timeout)
+            self._arrived.wait_for(lambda: self._closed or self._woken or self._arrivals, timeout)
+            self._woken = False
             return bool(self._arrivals)
+
+    def wake(self) -> None:
+        """End a wait, this or the next one, although nothing has arrived."""
+        with self._arrived:
+            self._woken = True
+            self._arrived.notify_all()
 
     def close(self) -> None:
         """Throw away what is there and take nothing more."""

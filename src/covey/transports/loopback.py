@@ -63,8 +63,8 @@ class _Delivery:
 class Loopback:
     """The in-process bus.
 
-    A message takes a random time, so messages overtake each other, on one link too.  None is lost or doubled.  The same
-    seed gives the same run, whatever the machine does.
+    A message takes a random time, so messages overtake each other, on one link too.  None is doubled, and none is lost
+    unless `loss` says so.  The same seed gives the same run, whatever the machine does.
 
     Parameters
     ----------
@@ -72,6 +72,11 @@ class Loopback:
         Delays, and the order of what happens at the same instant.
     delay : (float, float), keyword-only
         Shortest and longest time that a message takes, seconds.
+
+    Attributes
+    ----------
+    loss : float
+        Share of the messages between agents that is lost, from 0 to 1.
 
     Raises
     ------
@@ -115,6 +120,7 @@ class Loopback:
         if not 0.0 <= shortest <= longest < math.inf:
             raise ArgumentError(f"delay: expected 0 <= shortest <= longest, got {delay}")
         self.now = 0.0
+        self.loss = 0.0
         self.messages = 0
         """How many messages have been sent, heartbeats not counted."""
         self._rng = rng
@@ -138,6 +144,10 @@ class Loopback:
         """
         self._check_new(node.agent)
         self._members[node.agent] = _Member(node, rng, hears_heartbeats)
+
+    def detach(self, agent: int) -> None:
+        """Take a node off the bus: its agent is dead, and what was on its way to it vanishes unless it comes back."""
+        del self._members[agent]
 
     def endpoint(self, agent: int) -> LoopbackEndpoint:
         """Open an agent's access to the bus, for one that is driven from outside; it hears heartbeats.
@@ -180,8 +190,8 @@ class Loopback:
             time, _, _, item = heapq.heappop(self._queue)
             self.now = time
             if isinstance(item, _Wake):
-                member = self._members[item.agent]
-                if time == member.wake_at:
+                member = self._members.get(item.agent)
+                if member is not None and time == member.wake_at:
                     member.wake_at = math.inf
                     deadline = member.node.next_deadline()
                     if deadline is not None and deadline <= time:
@@ -205,13 +215,13 @@ class Loopback:
             time, _, _, item = self._queue[0]
             if isinstance(item, _Delivery):
                 return item.to
-            member = self._members[item.agent]
-            deadline = member.node.next_deadline()
-            if time == member.wake_at and deadline is not None and deadline <= time:
+            member = self._members.get(item.agent)
+            deadline = None if member is None else member.node.next_deadline()
+            if member is not None and time == member.wake_at and deadline is not None and deadline <= time:
                 return item.agent
             heapq.heappop(self._queue)  # `step` would pass over it as well
             self.now = time
-            if time == member.wake_at:
+            if member is not None and time == member.wake_at:
                 member.wake_at = math.inf
                 self._schedule(member)
         return None
@@ -219,6 +229,8 @@ class Loopback:
     def send(self, to: int, message: Message) -> None:
         """Put a message on its way; one to nobody vanishes."""
         self.messages += 1
+        if self._is_lost():
+            return
         self._push(self.now + self._shortest + self._spread * self._draw(), _Delivery(to, message))
 
     def publish(self, heartbeat: Heartbeat) -> None:
@@ -229,6 +241,8 @@ class Loopback:
         if self._observers:
             listeners.append(None)
         for to in listeners:
+            if to is not None and self._is_lost():
+                continue
             self._push(self.now + self._shortest + self._spread * self._draw(), _Delivery(to, heartbeat))
 
     def remove(self, endpoint: LoopbackEndpoint) -> None:
@@ -266,6 +280,9 @@ class Loopback:
     def _push(self, time: float, item: _Delivery | _Wake) -> None:
         self._count += 1
         heapq.heappush(self._queue, (time, self._draw(), self._count, item))
+
+    def _is_lost(self) -> bool:
+        return self.loss > 0.0 and self._draw() < self.loss
 
     def _draw(self) -> float:
         if not self._random:

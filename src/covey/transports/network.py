@@ -20,6 +20,10 @@ LONGEST_WAIT = 0.05
 """How long a message may wait for room in a full queue before it is dropped, seconds."""
 
 
+RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+"""When to try again to connect to who does not answer."""
+
+
 class Mode(enum.Enum):
     """What part a process plays in the network."""
 
@@ -60,7 +64,7 @@ class AccessList:
     agents : mapping of int to str
         The common name of each agent: it alone may speak as that agent.
     observers : tuple of str
-        May listen to states and the log, and say nothing.
+        May listen to states and the log and ask for maps, and say nothing.
     routers : tuple of str
         May pass on anything.
     """
@@ -150,6 +154,7 @@ def build_config(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         "mode": options.mode.value,
         "listen/endpoints": options.endpoints,
         "connect/endpoints": options.connect,
+        "connect/retry": RETRY,
         "scouting/multicast/enabled": options.multicast,
         "open/return_conditions/connect_scouted": False,  # who is there is told by tokens
         "transport/link/tx/lease": round(1000.0 * options.lease),
@@ -188,6 +193,7 @@ def access_rules(access: AccessList, prefix: str) -> dict[str, Any]:
     rules = [
         _rule("members-out", "egress", _ALL, f"{prefix}/**"),
         _rule("members-listen", "ingress", _LISTEN, f"{prefix}/**"),
+        _rule("observers-ask", "ingress", ["query"], f"{prefix}/map/*"),
         _rule("routers-in", "ingress", _ALL, f"{prefix}/**"),
     ]
     subjects = []
@@ -196,20 +202,26 @@ def access_rules(access: AccessList, prefix: str) -> dict[str, Any]:
         speaks = f"agent-{agent}"
         rules += [
             _rule(f"{speaks}-asks", "ingress", ["query"], f"{prefix}/trade/*/{agent}"),
-            _rule(f"{speaks}-answers", "ingress", ["reply", "declare_queryable"], f"{prefix}/trade/{agent}/*"),
+            _rule(
+                f"{speaks}-answers",
+                "ingress",
+                ["reply", "declare_queryable"],
+                f"{prefix}/trade/{agent}/*",
+                f"{prefix}/map/{agent}",
+            ),
             _rule(f"{speaks}-tells", "ingress", ["put"], f"{prefix}/state/{agent}", f"{prefix}/log/{agent}"),
             _rule(f"{speaks}-lives", "ingress", ["liveliness_token"], f"{prefix}/alive/{agent}/*"),
         ]
         subjects.append({"id": speaks, "cert_common_names": [name]})
         own = [f"{speaks}-{verb}" for verb in ("asks", "answers", "tells", "lives")]
         policies.append({"rules": ["members-out", "members-listen", *own], "subjects": [speaks]})
-    for subject, names, rule in (
-        ("observers", access.observers, "members-listen"),
-        ("routers", access.routers, "routers-in"),
+    for subject, names, own in (
+        ("observers", access.observers, ["members-listen", "observers-ask"]),
+        ("routers", access.routers, ["routers-in"]),
     ):
         if names:
             subjects.append({"id": subject, "cert_common_names": list(names)})
-            policies.append({"rules": ["members-out", rule], "subjects": [subject]})
+            policies.append({"rules": ["members-out", *own], "subjects": [subject]})
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -235,6 +247,14 @@ def open_session(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         return zenoh.open(build_config(options, digest, max_bytes=max_bytes))
     except zenoh.ZError as error:
         raise NetworkError(f"cannot join the network: {error}") from error
+
+
+def report_refusals() -> None:
+    """Have Zenoh say on standard output whom TLS does not let in, for the rest of the process.
+
+    RUST_LOG, where it is set, decides instead.
+    """
+    zenoh.init_log_from_env_or("zenoh_link_tls=warn")
 
 
 class Router:
@@ -266,4 +286,4 @@ class Router:
         self._session.close()
 
 
-__all__ = ["AccessList", "Credentials", "Mode", "NetworkOptions", "Router", "open_session"]
+__all__ = ["AccessList", "Credentials", "Mode", "NetworkOptions", "Router", "open_session", "report_refusals"]

@@ -5,6 +5,7 @@
     covey/<mission>/trade/<to>/<from>             a query; the other's next message to the asker is the answer
     covey/<mission>/state/<agent>                 heartbeats; under congestion they are dropped, the next is newer
     covey/<mission>/log/<agent>                   events; under congestion the writer waits
+    covey/<mission>/map/<agent>                   a query of an observer; the answer is all that the agent knows
     covey/<mission>/alive/<agent>/<incarnation>   liveliness token
 """
 
@@ -20,10 +21,16 @@ import zenoh
 from zenoh.handlers import Callback
 
 from covey.errors import Drop
-from covey.protocol import Event, Heartbeat, Message, Sender
+from covey.protocol import Event, Heartbeat, Map, Message, Sender
 from covey.transports.codec import EVERYBODY, Channel, Codec
 from covey.transports.inbox import Arrival, Inbox
 from covey.transports.network import NetworkOptions, mission_prefix, open_session
+
+MOST_ASKED = 16
+"""How many may wait for a map at once."""
+
+MOST_MISSIONS = 100
+"""How many other missions are told apart."""
 
 # Callbacks run on Zenoh's own threads and only store what came; nothing here calls Zenoh while it holds a lock.
 
@@ -62,27 +69,24 @@ class ZenohTransport:
         self._number = 0
         self._held: dict[int, tuple[zenoh.Query, float]] = {}  # by asker: what to answer by, and until when
         self._tokens: dict[int, tuple[int, bool]] = {}  # by agent: its newest life, and whether its token is there
+        self._maps: list[zenoh.Query] = []  # of those who asked for what this agent knows
+        self._missions: set[str] = set()
+        self._superseded = False
         self._counts = {"unanswered": 0, "unsent": 0}
         self._closed = False
         self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
         agent = sender.agent
         self._session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
+        self._session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
         self._session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
-        self._state = self._session.declare_publisher(
-            f"{self._prefix}/state/{agent}",
-            congestion_control=zenoh.CongestionControl.DROP,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
-        self._log = self._session.declare_publisher(
-            f"{self._prefix}/log/{agent}",
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.DATA_LOW,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
             f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
         )
+        if options.access is None:  # an access list hides other missions anyway
+            liveliness.declare_subscriber(
+                "covey/*/alive/*/*", Callback(self._on_any_token, indirect=False), history=True
+            )
         self._token = liveliness.declare_token(f"{self._prefix}/alive/{agent}/{sender.incarnation}")
 
     @property
@@ -122,6 +126,37 @@ class ZenohTransport:
         """The other agents whose tokens were there and are lost: by death, or because the way to them broke."""
         return self._by_token(present=False)
 
+    @property
+    def superseded(self) -> bool:
+        """Whether a newer life of this agent is on the network: then this one is over."""
+        with self._lock:
+            return self._superseded
+
+    @property
+    def other_missions(self) -> frozenset[str]:
+        """Digests, in hexadecimal, of other missions whose agents are on the same network; not with an access list."""
+        with self._lock:
+            return frozenset(self._missions)
+
+    @property
+    def map_wanted(self) -> bool:
+        """Whether an observer waits for `show_map`."""
+        with self._lock:
+            return bool(self._maps)
+
+    def show_map(self, known: Map) -> None:
+        """Tell the observers that asked what this agent knows."""
+        with self._lock:
+            queries = [(query, self._next_number()) for query in self._maps]
+            self._maps = []
+        for query, number in queries:
+            data = self._codec.encode(known, sender=known.sender, to=EVERYBODY, number=number)
+            with query:
+                try:
+                    query.reply(f"{self._prefix}/map/{self.agent}", data)
+                except zenoh.ZError:
+                    self._count("unsent")
+
     def send(self, to: int, message: Message) -> None:
         """Send a message to one agent.
 
@@ -144,11 +179,17 @@ class ZenohTransport:
 
     def publish(self, heartbeat: Heartbeat) -> None:
         """Publish the newest state to all others that listen; under congestion it may be lost, so repeat it."""
-        self._put(self._state, heartbeat.sender, heartbeat)
+        self._put(f"{self._prefix}/state/{self.agent}", heartbeat.sender, heartbeat, zenoh.CongestionControl.DROP, None)
 
     def log(self, event: Event) -> None:
         """Publish an event to observers; waits while one of them is slow, and Zenoh gives it up after 5 s."""
-        self._put(self._log, self.sender, event)
+        self._put(
+            f"{self._prefix}/log/{self.agent}",
+            self.sender,
+            event,
+            zenoh.CongestionControl.BLOCK,
+            zenoh.Priority.DATA_LOW,
+        )
 
     def receive(self) -> list[Message]:
         """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
@@ -164,9 +205,10 @@ class ZenohTransport:
             if self._closed:
                 return
             self._closed = True
-            held, self._held = self._held, {}
+            queries = [query for query, _ in self._held.values()] + self._maps
+            self._held, self._maps = {}, []
         self._inbox.close()
-        for query, _ in held.values():
+        for query in queries:
             query.drop()
         self._session.close()
 
@@ -176,14 +218,29 @@ class ZenohTransport:
         self._number += 1
         return self._number
 
-    def _put(self, publisher: zenoh.Publisher, sender: Sender, content: Heartbeat | Event) -> None:
+    def _put(
+        self,
+        key: str,
+        sender: Sender,
+        content: Heartbeat | Event,
+        congestion: zenoh.CongestionControl,
+        priority: zenoh.Priority | None,
+    ) -> None:
         with self._lock:
             if self._closed:
                 return
             number = self._next_number()
         data = self._codec.encode(content, sender=sender, to=EVERYBODY, number=number)
         try:
-            publisher.put(data)
+            # The key in full, not a declared publisher's: the number that stands for that on the wire has been seen to
+            # mean another key after a process was stopped for longer than the lease and its link was made anew.
+            self._session.put(
+                key,
+                data,
+                congestion_control=congestion,
+                priority=priority,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
         except zenoh.ZError:
             self._count("unsent")
 
@@ -214,6 +271,16 @@ class ZenohTransport:
             return
         self._inbox.put(Arrival(payload.to_bytes(), sender, Channel.TRADE, partial(self._hold, sender, query)))
 
+    def _on_map_query(self, query: zenoh.Query) -> None:
+        with self._lock:
+            welcome = len(self._maps) < MOST_ASKED and not self._closed
+            if welcome:
+                self._maps.append(query)
+        if welcome:
+            self._inbox.wake()
+        else:
+            query.drop()
+
     def _on_reply(self, to: int, answers: list[zenoh.Reply], reply: zenoh.Reply) -> None:
         answers.append(reply)
         sample = reply.ok
@@ -236,8 +303,16 @@ class ZenohTransport:
             self._inbox.count(Drop.MALFORMED)
             return
         with self._lock:
-            if agent != self.agent and incarnation >= self._tokens.get(agent, (-1, False))[0]:
+            if agent == self.agent:
+                self._superseded |= incarnation > self.sender.incarnation and sample.kind == zenoh.SampleKind.PUT
+            elif incarnation >= self._tokens.get(agent, (-1, False))[0]:
                 self._tokens[agent] = incarnation, sample.kind == zenoh.SampleKind.PUT
+
+    def _on_any_token(self, sample: zenoh.Sample) -> None:
+        prefix = str(sample.key_expr).partition("/alive/")[0]
+        with self._lock:
+            if prefix != self._prefix and len(self._missions) < MOST_MISSIONS:
+                self._missions.add(prefix.partition("/")[2])
 
     def _store(self, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
         _store(self._inbox, self._codec, payload, sender, channel)
@@ -261,7 +336,7 @@ class ZenohTransport:
 
 
 class ZenohObserver:
-    """Hears the states and events of a mission, and says nothing.
+    """Hears the states and events of a mission; says nothing and only asks what agents know.
 
     Parameters
     ----------
@@ -278,8 +353,9 @@ class ZenohObserver:
     def __init__(self, codec: Codec, options: NetworkOptions) -> None:
         self._codec = codec
         self._inbox = Inbox(codec, EVERYBODY)
+        self._timeout = options.answer_timeout
         self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
-        prefix = mission_prefix(codec.digest)
+        self._prefix = prefix = mission_prefix(codec.digest)
         for channel in (Channel.STATE, Channel.LOG):
             self._session.declare_subscriber(
                 f"{prefix}/{channel.value}/*", Callback(partial(self._on_sample, channel), indirect=False)
@@ -290,9 +366,19 @@ class ZenohObserver:
         """How many arrivals were dropped so far, by cause."""
         return self._inbox.dropped
 
-    def receive(self) -> list[Heartbeat | Event]:
+    def receive(self) -> list[Heartbeat | Event | Map]:
         """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
-        return cast("list[Heartbeat | Event]", self._inbox.take())  # messages travel by a channel of their own
+        return cast("list[Heartbeat | Event | Map]", self._inbox.take())  # trades travel by a channel of their own
+
+    def ask_for_maps(self) -> None:
+        """Ask every agent what it knows; the answers arrive like all else."""
+        self._session.get(
+            f"{self._prefix}/map/*",
+            Callback(self._on_map, indirect=False),
+            timeout=self._timeout,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, seconds at most; whether it has."""
@@ -302,6 +388,11 @@ class ZenohObserver:
         """Leave: nothing arrives any more."""
         self._inbox.close()
         self._session.close()
+
+    def _on_map(self, reply: zenoh.Reply) -> None:
+        sample = reply.ok
+        if isinstance(sample, zenoh.Sample):
+            _store(self._inbox, self._codec, sample.payload, _agent(str(sample.key_expr)), Channel.TRADE)
 
     def _on_sample(self, channel: Channel, sample: zenoh.Sample) -> None:
         _store(self._inbox, self._codec, sample.payload, _agent(str(sample.key_expr)), channel)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from covey.flight.arrival import arrived, tumbling
 from covey.flight.backstepping import control_all
 from covey.flight.disturbance import DisturbanceEstimate
-from covey.flight.layout import COMMAND, QUAT, SIGNALS, P, V
+from covey.flight.layout import COMMAND, ON_GROUND, QUAT, SIGNALS, P, V
 from covey.flight.navigation import Navigator, Status
 from covey.flight.obstacles import Obstacle
 from covey.flight.parameters import VehicleParameters
@@ -28,10 +28,11 @@ from covey.vehicles.kinematic import KinematicSimulator
 CONTROL_PERIOD = 0.01
 """Seconds between two commands, as the autopilots of the thesis take them."""
 
-ON_GROUND = 0.3
-"""A vehicle whose centre is lower than this, metres, does not count for the separation in the air: it takes off, lands
-or stands.
-"""
+LATE = 0.05
+"""In real time a flight makes up for delays of so many seconds; longer ones, such as planning, put off the rest."""
+
+OUTSIDE = 0.15
+"""References stay inside the fence; a vehicle whose centre is farther outside its region, metres, gets an event."""
 
 TUMBLED_FOR = 0.5
 """A vehicle that has been upside down for so many seconds does not fly any more."""
@@ -112,6 +113,8 @@ class Fleet:
         """Returns the committed and the flown score for a row of the log."""
         self.separation = self.min_separation = math.inf
         """Least scaled distance between two vehicles in the air, metres: now, and so far."""
+        self.max_outside_region = 0.0
+        """How far a vehicle in the air has been outside its region, metres."""
         parameters = simulator.parameters
         self.required_separation = max(vehicle.required_separation for vehicle in parameters)
         self.vertical_ratio = max(vehicle.vertical_ratio for vehicle in parameters)
@@ -131,12 +134,13 @@ class Fleet:
         self._every = max(1, round(log_every / CONTROL_PERIOD))
         self._count = 0
         self._realtime = realtime
-        self._began = time.monotonic()
+        self._due = -math.inf  # when the last control period was over on the wall's clock
         self._goals = np.full((n, 4), np.nan)
         self._tracks: list[Trajectory | None] = [None] * n
         self._powered = np.zeros(n, dtype=np.bool_)
         self._since = np.full(n, np.nan)  # since when a vehicle has been at its goal
         self._tumbling = np.zeros(n)
+        self._outside = np.zeros(n, dtype=np.bool_)  # who is farther outside its region than OUTSIDE
         self._flags = np.zeros(n, dtype=np.bool_)
         self._collisions = 0
         self._squares = 0.0
@@ -241,9 +245,10 @@ class Fleet:
         self._count += 1
         self._watch(references)
         if self._realtime:
-            ahead = self._began + self.time - time.monotonic()
+            ahead = self._due + CONTROL_PERIOD - time.monotonic()
             if ahead > 0.0:
                 time.sleep(ahead)
+            self._due = max(self._due + CONTROL_PERIOD, time.monotonic() - LATE)
 
     def run(self, until: Callable[[], bool], timeout: float) -> bool:
         """Let time pass until something holds; False when it does not within so many seconds."""
@@ -270,6 +275,7 @@ class Fleet:
         self.separation = separation
         self.min_separation = min(self.min_separation, separation)
         self._watch_vehicles(now)
+        self._watch_fences(now, flying)
         errors = state[flying, P : P + 3] - references[flying, :3]
         self._squares += float((errors * errors).sum())
         self._squares_of += len(errors)
@@ -305,6 +311,20 @@ class Fleet:
         if self._tumbling.max() > TUMBLED_FOR:
             for i in np.flatnonzero(self._tumbling > TUMBLED_FOR):
                 self.lose(int(i), "tumbles")
+
+    def _watch_fences(self, now: float, flying: NDArray[np.bool_]) -> None:
+        """Note how far outside their regions vehicles are, and tell of those that are too far."""
+        beyond = np.where(flying, -self.navigator.fences.rooms(self.state[:, P : P + 3]), -math.inf)
+        worst = float(beyond.max())
+        if worst <= 0.0:
+            self._outside[:] = False
+            return
+        self.max_outside_region = max(self.max_outside_region, worst)
+        outside = beyond > np.where(self._outside, 0.0, OUTSIDE)
+        for i in np.flatnonzero(outside & ~self._outside):
+            text = f"{self.recorder.names[i]} is more than {100.0 * OUTSIDE:.0f} cm outside its region"
+            self.recorder.note(now, "outside", [int(i)], text)
+        self._outside = outside
 
     def lose(self, vehicle: int, why: str) -> None:
         """Give a vehicle up: its motors stop, and the others fly around where it lies."""

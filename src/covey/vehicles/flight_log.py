@@ -17,6 +17,12 @@ from covey.flight.layout import COMMAND, OBSERVATION, REFERENCE, SIGNALS
 
 VERSION = 1
 
+ARRIVALS = ("airborne", "reached", "home", "landed")
+"""Kinds of events that end a way: a vehicle is at its altitude, its waypoint, above its start, on the ground."""
+
+TROUBLE = ("fault", "lost", "collision", "missed", "outside", "grounded", "astray", "aloft", "ignored")
+"""Kinds of events that people should hear of."""
+
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
@@ -27,7 +33,7 @@ class FlightEvent:
     time : float
         Seconds since the flight began.
     kind : str
-        One word, for example ``takeoff``, ``reached``, ``missed``, ``lost``, ``collision``, ``trade``.
+        One word: ``takeoff``, ``trade``, one of `ARRIVALS` or of `TROUBLE`.
     vehicles : tuple of str
         Names of those concerned.
     text : str

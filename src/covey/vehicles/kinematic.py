@@ -26,7 +26,8 @@ class KinematicSimulator:
 
     Notes
     -----
-    Nothing is in the way of such a vehicle, so there are no collisions and motors do not fail.
+    Nothing is in the way of such a vehicle, so there are no collisions and motors do not fail; it feels no wind and
+    knows its state exactly.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class KinematicSimulator:
         """Put every flying vehicle where its reference, shape (n, REFERENCE), is."""
         self.time += duration
         self._state[flying, P : P + 3] = references[flying, REF_P : REF_P + 3]
+        self._state[flying, P + 2] = np.maximum(self._state[flying, P + 2], 0.0)  # the ground
         self._state[flying, V : V + 3] = references[flying, REF_V : REF_V + 3]
         self._state[~flying, V : V + 3] = 0.0
         for i in np.flatnonzero(flying):

@@ -24,6 +24,7 @@ from covey.coverage.certificate import Certificate
 from covey.errors import CoveyError, SolverError
 from covey.mission import Mission, OptimizerName, Trade
 from covey.runtime import record
+from covey.runtime.feed import Watcher
 from covey.runtime.record import read_result, write_result
 from covey.runtime.result import Deployment, PlanStatus, Progress
 
@@ -75,7 +76,11 @@ def asked(make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> l
     """Stand in for planning; returns what it was asked for."""
     asked: list[tuple[Mission, dict[str, Any]]] = []
 
-    def plan(mission: Mission, *, on_progress: Callable[[Progress], None], **options: Any) -> Deployment:
+    def plan(
+        mission: Mission, *, on_progress: Callable[[Progress], None], watch: Watcher, steering: None, **options: Any
+    ) -> Deployment:
+        assert callable(watch)
+        assert steering is None
         asked.append((mission, options))
         on_progress(Progress("trading", 12.345, 1, 5))
         return make_deployment(seed=mission.seed, certificate=PROVED)
@@ -205,6 +210,7 @@ def test_errors_are_one_message(error: CoveyError, code: int, run: Run, monkeypa
         ["plan", "."],
         ["plan", "bad.yaml"],
         ["plan", "mission.yaml", "--seed", "-1"],
+        ["plan", "mission.yaml", "--seed", "x"],
         ["plan", "mission.yaml", "--trade", "barter"],
         ["plan", "mission.yaml", "--out", "mission.yaml"],
         ["plan", "mission.yaml", "--out", "mission.yaml/r"],
@@ -386,6 +392,7 @@ def test_a_broken_pipe_is_quiet() -> None:
             [sys.executable, "-m", "covey", "schema"], stdout=pipe, stderr=subprocess.PIPE, text=True, check=False
         )
     assert ended.stderr == ""
+    assert ended.returncode == 141
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -461,3 +468,10 @@ def test_progress_on_a_terminal_and_elsewhere(monkeypatch: pytest.MonkeyPatch) -
     with ProgressLine(quiet=True, stream=quiet) as line:
         line(Progress("trading", 1.0))
     assert quiet.getvalue() == ""
+
+
+def test_a_seed_that_is_none_is_told_in_our_words() -> None:
+    ended = covey("plan", "mission.yaml", "--seed", "x")
+    assert ended.returncode == 2
+    assert "expected a whole number from 0" in ended.stderr
+    assert "parse" not in ended.stderr

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.unit.flight.scenes import random_obstacle
 
+from covey.flight.fence import OPEN
 from covey.flight.obstacles import Box, Obstacle, Sphere, clearance, pack
 from covey.flight.route import Router, room_at
 
@@ -124,8 +125,8 @@ def test_room_never_changes_faster_than_the_point_moves() -> None:
     for _ in range(2000):
         p = rng.uniform(-4, 4, 3)
         step = rng.normal(scale=0.3, size=3)
-        change = room_at(rows, edges, blockers, 0.3, *(p + step)) - room_at(rows, edges, blockers, 0.3, *p)
+        change = room_at(rows, edges, OPEN, blockers, 0.3, *(p + step)) - room_at(rows, edges, OPEN, blockers, 0.3, *p)
         assert abs(change) <= np.linalg.norm(step) * (1.0 + 1e-9)
-    assert room_at(rows, edges, np.empty((0, 5)), 0.3, 9.0, 9.0, 9.0) == pytest.approx(
+    assert room_at(rows, edges, OPEN, np.empty((0, 5)), 0.3, 9.0, 9.0, 9.0) == pytest.approx(
         clearance(rows, edges, 9.0, 9.0, 9.0) - 0.3
     )

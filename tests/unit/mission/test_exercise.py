@@ -259,7 +259,7 @@ def test_missions_are_no_exercises(root: Path, tmp_path: Path) -> None:
     assert not any(is_exercise(path) for path in root.glob("examples/*.yaml"))
     assert all(is_exercise(path) for path in root.glob("examples/exercises/*.yaml"))
     assert not is_exercise(tmp_path / "nothing.yaml")
-    with pytest.raises(MissionError, match="unknown key 'exercise'"):
+    with pytest.raises(MissionError, match="exercise: expected a mission, got an exercise"):
         parse_mission(VALID)
     with pytest.raises(MissionError, match=r"found nothing at"):
         load_exercise(tmp_path / "nothing.yaml")

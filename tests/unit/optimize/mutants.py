@@ -71,20 +71,21 @@ def check_boxes(solver: Any, *, seeds: int, boxes: int = 60) -> None:
         columns = landmark_columns(landmarks, thresholds)
         half = 10.0 ** rng.uniform(-2.0, 0.3)
         width = rng.uniform(0.02, np.pi / 8)
-        box = np.array(
-            [*rng.normal(size=2), rng.uniform(-np.pi, np.pi), half, half * rng.uniform(0.2, 1.0), width, 0.0, 0.0]
-        )
+        arcs = int(rng.integers(1, 4))
+        sides = (half, half * rng.uniform(0.2, 1.0))
+        box = np.array([*rng.normal(size=2), *sides, rng.uniform(-np.pi, np.pi), width, arcs, 0.0])
+        bounds = np.empty(arcs)
         with np.errstate(all="ignore"):
-            bound, _ = solver._box_bound(
-                int(model.kernel), columns, box, np.inf, np.empty((3, 2)), np.empty((9, len(landmarks)))
-            )
+            solver._bound_arcs(int(model.kernel), columns, box, np.empty((3, 2)), np.empty((9, len(landmarks))), bounds)
         offsets = rng.uniform(-1.0, 1.0, (400, 3))
         offsets[:200] = rng.choice([-1.0, 0.0, 1.0], (200, 3))
-        poses = box[:3] + offsets * box[3:6]
-        seen = model.visibility(poses, landmarks)
+        arc = rng.integers(0, arcs, 400)
+        yaws = box[4] + width * (2 * arc + 1 + offsets[:, 2])
+        seen = model.visibility(np.column_stack([box[:2] + offsets[:, :2] * sides, yaws]), landmarks)
         scores = np.maximum(0.0, seen - thresholds) @ landmarks.weights
-        assert scores.max() <= bound + 1e-12, (
-            f"{model}: a box is bounded by {bound}, a pose in it scores {scores.max()}"
+        worst = (scores - bounds[arc]).argmax()
+        assert scores[worst] <= bounds[arc[worst]] + 1e-12, (
+            f"{model}: a box is bounded by {bounds[arc[worst]]}, a pose in it scores {scores[worst]}"
         )
 
 

@@ -145,8 +145,9 @@ BOX_MUTANTS = {
     "no curvature for isotropic": ("inverse * inverse if far else 0.5", "inverse * inverse if far else 0.0"),
     "one corner left out": ("for corner in range(4)", "for corner in range(3)"),
     "centre instead of corners": ("centre + ex + ey", "centre"),
-    "sector cut short": ("math.sin(psi + width), c)", "math.sin(psi + 0.5 * width), c)"),
-    "chord instead of arc": ("return 0.5 * math.hypot(total / c, change / s)", "return max(first, last)"),
+    "centre instead of corners ahead": ("plus = centre + ex", "plus = centre"),
+    "arc cut short": ("ends = box[PSI] + 2.0 * width * (arc + 1)", "ends = box[PSI] + 2.0 * width * (arc + 0.75)"),
+    "chord instead of arc": ("return 0.5 * math.sqrt(a * a + b * b)", "return max(first, last)"),
     "thresholds twice": ("out[2, k] = w * (rest - columns[5, k])", "out[2, k] = w * (rest - 2.0 * columns[5, k])"),
     "thresholds grow on the arc": ("return max(level, c * level)", "return level"),
     "wrong sign of the change": ("k2 * qy * qy - i, rest", "i - k2 * qy * qy, rest"),
@@ -162,24 +163,24 @@ def test_a_wrong_bound_of_a_box_is_caught(name: str, monkeypatch: pytest.MonkeyP
 
 
 SOLVER_MUTANTS = {
-    "bounds understated by 5 %": (
-        "child = min(child + rounding, bound)",
-        "child = 0.95 * min(child + rounding, bound)",
-    ),
+    "bounds understated by 5 %": ("min(bounds[arc] + rounding, box[BOUND])", "0.95 * min(bounds[arc], box[BOUND])"),
     "one side of each cut": (
-        "for side in (-1.0, 1.0):\n            for j in range(8):",
-        "for side in (1.0,):\n            for j in range(8):",
+        "for i in range(_cut(kind, stack[top], children)):",
+        "for i in range(min(1, _cut(kind, stack[top], children))):",
     ),
-    "half of the headings": ("-math.pi + (2 * sector + 1) * arc", "-math.pi + (sector + 1) * arc"),
-    "narrow sectors": ("width, height, arc, everything", "width, height, 0.4 * arc, everything"),
+    "half of the headings": ("math.pi / arcs, arcs, everything", "math.pi / arcs, arcs // 2 + arcs % 2, everything"),
+    "narrow arcs": ("-math.pi, math.pi / arcs", "-math.pi, 0.4 * math.pi / arcs"),
+    "arcs not doubled when halved": ("children[0, ARCS] *= 2.0", "children[0, ARCS] *= 1.0"),
+    "last arc of a row lost": ("box[ARCS] = last + 1 - first", "box[ARCS] = last - first"),
+    "row begins an arc late": ("* box[HALF_ARC] * first", "* box[HALF_ARC] * (first + 1)"),
+    "dropped arcs forgotten": ("closed = max(closed, _drop_arcs(", "closed = max(-math.inf, _drop_arcs("),
     "centre outside, box dropped": (
-        "if math.hypot(qx - x, qy - y) > math.hypot(box[3], box[4]) + 1e-9:",
+        "if math.hypot(qx - x, qy - y) > math.hypot(box[2], box[3]) + 1e-9:",
         "if True:",
     ),
     "half of the region": ("width, height = 0.5 * (x1 - x0)", "width, height = 0.25 * (x1 - x0)"),
     "closed boxes forgotten": ("upper = max(score, closed,", "upper = max(score,"),
     "closed boxes held to the tolerance": ("max(score, closed,", "max(score, min(closed, score + 0.02),"),
-    "sectors lost": ("top, closed, evaluations = sectors,", "top, closed, evaluations = sectors // 2 + sectors % 2,"),
 }
 
 

@@ -50,7 +50,7 @@ def test_the_summary_can_be_written_as_json() -> None:
     assert summary["wall_s"] > 0.0
     assert summary["real_time_factor"] == pytest.approx(8.0 / summary["wall_s"])
     (event,) = summary["events"]
-    assert (event["kind"], event["vehicles"]) == ("reached", ["a"])
+    assert (event["event"], event["agents"]) == ("reached", ["a"])
     assert 1.0 < event["time_s"] < 8.0
     assert result.log.names == ("a",)
     assert result.log.time[-1] == pytest.approx(8.0)
@@ -84,7 +84,7 @@ def test_without_navigation_vehicles_collide_and_the_result_says_so() -> None:
     result = reference(parse_exercise(HEAD + DIRECT))
     assert result.summary["collisions"] >= 1
     assert result.summary["min_separation_m"] < 0.3
-    assert "collision" in {event["kind"] for event in result.summary["events"]}
+    assert "collision" in {event["event"] for event in result.summary["events"]}
     assert result.summary["min_separation_m"] == pytest.approx(result.log.separation.min(), abs=0.1)
 
 

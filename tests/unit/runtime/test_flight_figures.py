@@ -133,6 +133,9 @@ def test_separation_shows_what_is_required() -> None:
     far = np.where(np.arange(len(log.time)) < 40, 1.0, 500.0)
     (ax,) = figures.separation_figure(flight(3, duration=12.0, separation=far)).axes
     assert ax.get_ylim()[1] == pytest.approx(8 * 0.9)
+    drawn = values(ax, "closest two vehicles")
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [40]  # no vehicle moves so fast: another pair is the closest
+    np.testing.assert_array_equal(np.delete(drawn, 40), far)
 
 
 def test_scores_and_events(make_deployment: MakeDeployment) -> None:
@@ -142,7 +145,7 @@ def test_scores_and_events(make_deployment: MakeDeployment) -> None:
     ax = panels(figure)["score of the team"]
     np.testing.assert_array_equal(values(ax, "at committed poses"), log.score_committed)
     np.testing.assert_array_equal(values(ax, "as flown"), log.score_flown)
-    assert values(ax, f"planned {deployment.score.final:.2f}")[0] == deployment.score.final
+    assert values(ax, f"at the end {deployment.score.final:.2f}")[0] == deployment.score.final
     assert deployment.bound is not None
     assert values(ax, f"at most {deployment.bound.team_upper_bound:.2f}")[0] == deployment.bound.team_upper_bound
     rows = figure.axes[1]
@@ -189,6 +192,10 @@ def test_paths_from_above_and_in_space() -> None:
         np.testing.assert_array_equal(np.array(drawn.get_data_3d()).T, log.state[:, index, P : P + 3])
     assert plan.get_aspect() == 1.0
     assert plan.get_xlabel() == "x [m]"
+    solid: Any = space
+    for axis, limits in enumerate((solid.get_xlim(), solid.get_ylim(), solid.get_zlim())):
+        assert limits[0] <= log.objects[..., axis].min()
+        assert log.objects[..., axis].max() <= limits[1]
     low, high = plan.get_xlim()
     assert low < log.objects[:, 0, 0].min() - 0.5
     assert high > log.objects[:, 0, 0].max() + 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import itertools
 import json
 import math
@@ -12,15 +13,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from covey.errors import InputError
+import covey
+from covey.errors import InputError, MissionError, OutputError
+from covey.flight.fence import SLACK, Fences
+from covey.flight.layout import P, V
 from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.certify import certify
-from covey.runtime.fly import Flight, fly
+from covey.runtime.feed import Motion, ObstacleAppeared
+from covey.runtime.flight import Flight
+from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.record import read_result, result_text
 from covey.runtime.result import PlanStatus, Progress
-from covey.runtime.sortie_record import write_flight
+from covey.runtime.sortie_record import film_flight, write_flight
+from covey.runtime.steering import AddObstacle, Command, Kill, Steering
+from covey.vehicles.fleet import OUTSIDE
 from covey.vehicles.flight_log import FlightLog
 
 SCENE: dict[str, Any] = {
@@ -60,8 +69,81 @@ def lives_up_to_its_word(flight: Flight) -> None:
     assert deployment.certificate.holds
     assert report.min_separation >= report.required_separation
     assert report.min_separation <= log.separation.min()
-    assert log.state[-1, :, 2].max() < 0.3, "everybody is on the ground at the end"
+    everybody_landed(flight)
+    assert report.max_outside_region <= OUTSIDE or report.lost  # one without a motor drifts
     assert report.waypoints_missed == sum(event.kind == "missed" for event in log.events)
+    assert report.waypoints_reached == sum(event.kind == "reached" for event in log.events)
+
+
+def everybody_landed(flight: Flight) -> None:
+    """Check that those who were not lost stand on the ground with their motors off, and that it is told."""
+    log, report = flight.log, flight.deployment.flight
+    assert report is not None
+    flown = [i for i, name in enumerate(log.names) if name not in report.lost]
+    assert np.abs(log.state[-1, flown, 2]).max() < 0.02
+    assert np.abs(log.state[-1, flown, V : V + 3]).max() < 0.01
+    assert (log.command[-1, flown, 0] == 0.0).all()
+    for kind in ("airborne", "home", "landed"):
+        told = [name for event in log.events if event.kind == kind for name in event.vehicles]
+        assert sorted(told) == sorted(set(told))
+        assert {log.names[i] for i in flown} <= set(told)
+
+
+WINDY: dict[str, Any] = {
+    "wind": {"steady_m_s": [2, 1], "gust_m_s": 2.0},
+    "noise": {"position_m": 0.02, "velocity_m_s": 0.05, "latency_s": 0.02},
+}
+
+
+@pytest.mark.parametrize("vehicles", ["reference", "mujoco"])
+def test_landing_lands_in_wind(vehicles: str) -> None:
+    lives_up_to_its_word(fly(scene(**WINDY), vehicles=vehicles))
+
+
+def test_what_kinematic_vehicles_do_not_feel_is_told() -> None:
+    flight = fly(scene(**WINDY, faults=[{"at_s": 9, "motor": {"agent": "blue"}}]), vehicles="kinematic")
+    lives_up_to_its_word(flight)
+    report = flight.deployment.flight
+    assert report is not None
+    (event,) = [event for event in report.events if event.kind == "ignored"]
+    assert "do not feel wind, noise, motors that stop" in event.text
+    assert not any("rotor" in event.text for event in report.events)
+
+
+@pytest.mark.parametrize("vehicles", ["kinematic", "reference"])
+@pytest.mark.parametrize("name", ["inspection", "plaza-mayor"])
+def test_nobody_flies_through_a_hole(name: str, vehicles: str, root: Path) -> None:
+    """References stay inside the region; vehicles leave it by what they are off, in still air a few centimetres."""
+    flight = fly(load_mission(root / "examples" / f"{name}.yaml"), vehicles=vehicles)
+    report = flight.deployment.flight
+    assert report is not None
+    assert (report.waypoints_missed, report.lost) == (0, ())
+    assert report.max_outside_region <= (SLACK if vehicles == "kinematic" else 0.05)
+    fences = Fences([agent.region for agent in flight.deployment.mission.agents])
+    rooms = np.array([fences.rooms(state[:, P : P + 3]) for state in flight.log.state])
+    assert rooms.min() >= -report.max_outside_region
+    everybody_landed(flight)
+
+
+def test_a_region_that_a_hole_splits_in_two() -> None:
+    """Behind a gap too narrow to fly through nothing is reached: the waypoint is given up, the other part with it."""
+    hole = [[-0.5, -3.98], [0.5, -3.98], [0.5, 3.98], [-0.5, 3.98]]
+    outline = [[-4, -4], [4, -4], [4, 4], [-4, 4]]
+    document = {
+        **SCENE,
+        "environment": {
+            "landmarks": {"grid": {"x_m": [1, 4], "y_m": [-4, 4], "spacing_m": 1}},
+            "region": {"polygon": {"exterior": outline, "holes": [hole]}},
+        },
+        "agents": [{"name": "blue", "pose": {"x_m": -3, "y_m": 0}}],
+    }
+    flight = fly(parse_mission(json.dumps(document), format="json"), vehicles="kinematic")
+    lives_up_to_its_word(flight)
+    report = flight.deployment.flight
+    assert report is not None
+    assert report.waypoints_missed == 1
+    assert flight.log.state[:, 0, 0].max() <= -0.5 + SLACK
+    assert flight.deployment.poses[0].x <= -0.5
 
 
 @pytest.mark.parametrize("vehicles", ["kinematic", "reference", "mujoco"])
@@ -182,6 +264,23 @@ def test_vehicles_that_start_too_close_are_refused() -> None:
         fly(parse_mission(json.dumps(document), format="json"), vehicles="kinematic")
 
 
+def test_starts_that_an_obstacle_or_another_vehicle_blocks_are_named_with_their_line() -> None:
+    over = {"box": {"x_m": [-3.5, -2.5], "y_m": [-3.5, -2.5], "z_m": [0.5, 1]}}
+    with pytest.raises(MissionError) as caught:
+        scene(obstacles=[over])
+    (mistake,) = caught.value.mistakes
+    assert mistake.key == "agents[0].pose"
+    assert mistake.line is not None
+    assert "in blue's way" in mistake.message
+    with pytest.raises(MissionError) as caught:
+        scene(obstacles=[{"sphere": {"center_m": [0, 0, 0], "radius_m": 30}}])
+    assert [mistake.key for mistake in caught.value.mistakes] == [f"agents[{i}].pose" for i in range(3)]
+    scene(obstacles=[{"box": {"x_m": [-3.5, -2.5], "y_m": [-3.5, -2.5], "z_m": [2.5, 3]}}])
+    close = {**SCENE, "flight": {}, "agents": [*SCENE["agents"], {"name": "late", "pose": {"x_m": 0.5, "y_m": 3}}]}
+    with pytest.raises(MissionError, match=r"green and late start 0\.50 m apart"):
+        parse_mission(json.dumps(close), format="json")
+
+
 def test_ctrl_c_keeps_what_is_known() -> None:
     def interrupt(news: Progress) -> None:
         if news.trades >= 1:
@@ -201,6 +300,50 @@ def test_ctrl_c_before_anything_is_known() -> None:
 
     flight = fly(scene(), vehicles="reference", on_progress=interrupt)
     assert flight.deployment.status is PlanStatus.INTERRUPTED
+
+
+def test_a_film_that_is_interrupted_leaves_the_flight(calm: Flight, tmp_path: Path) -> None:
+    def interrupt(news: Progress) -> None:
+        assert news.stage == "filming"
+        if news.fraction:
+            raise KeyboardInterrupt
+
+    target = write_flight(calm, tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in target.iterdir()}
+    with pytest.raises(KeyboardInterrupt):
+        film_flight(calm, target, on_progress=interrupt)
+    assert {path.name: path.read_bytes() for path in target.iterdir()} == before
+
+
+def test_a_flight_draws_saves_and_shows_itself(calm: Flight, tmp_path: Path) -> None:
+    assert isinstance(calm, covey.Flight)
+    assert isinstance(calm.log, covey.FlightLog)
+    axes = calm.plot()
+    assert (axes.get_xlabel(), len(axes.figure.axes) > 3) == ("x [m]", True)
+    alone = Figure().subplots()
+    assert calm.plot(alone) is alone
+    assert {"blue", "red", "green"} <= {line.get_label() for line in alone.lines}
+    picture = calm._repr_png_()
+    assert picture is not None
+    assert picture.startswith(b"\x89PNG")
+    assert "<img" in calm._repr_html_()
+    assert repr(calm).startswith(f"Flight('{calm.deployment.mission.name}', ")
+    assert read_result(calm.save(tmp_path / "out")).flight == calm.deployment.flight
+    with pytest.raises(OutputError, match="is not empty"):
+        calm.save(tmp_path / "out")
+    assert (calm.save(tmp_path / "out", overwrite=True) / "flight.npz").exists()
+
+
+def test_a_flight_that_ended_at_once_shows_itself_in_words() -> None:
+    def interrupt(news: Progress) -> None:
+        raise KeyboardInterrupt
+
+    flight = fly(scene(), vehicles="kinematic", on_progress=interrupt)
+    empty = dataclasses.replace(flight, log=dataclasses.replace(flight.log, time=flight.log.time[:1]))
+    assert empty._repr_png_() is None
+    assert empty._repr_html_() == html.escape(repr(empty))
+    with pytest.raises(covey.ArgumentError, match="expected two moments"):
+        empty.plot()
 
 
 def test_a_flight_is_written_and_read_back(calm: Flight, tmp_path: Path) -> None:
@@ -238,3 +381,35 @@ def test_the_examples_can_be_flown(root: Path) -> None:
         starts = np.array([[agent.pose.x, agent.pose.y] for agent in mission.agents])
         away = np.linalg.norm(starts[:, None] - starts[None], axis=2) + 9.0 * np.eye(len(starts))
         assert away.min() >= mission.flight.start_spacing > 0.9
+
+
+def test_a_visitor_lets_a_vehicle_fail_and_puts_an_obstacle_in_the_way() -> None:
+    told: list[Any] = []
+    refused: list[str] = []
+    steering = Steering()
+
+    def watch(item: Any) -> None:
+        told.append(item)
+        if isinstance(item, Motion) and len(asks) and item.time >= asks[0][0]:
+            steering.ask(asks.pop(0)[1], refused.append)
+
+    asks: list[tuple[float, Command]] = [
+        (4.0, AddObstacle(0.0, -1.0, 0.5, 3.0)),
+        (4.2, AddObstacle(0.0, 3.0, 0.5, 3.0)),
+        (4.4, AddObstacle(0.0, -1.0, 5000.0, 3.0)),
+        (5.0, Kill(1)),
+        (5.5, Kill(1)),
+        (5.6, Kill(7)),
+    ]
+    flight = fly(scene(), vehicles="reference", watch=watch, steering=steering)
+    assert steering.commands == ("pause", "resume", "step", "speed", "kill", "obstacle")
+    assert sum(isinstance(item, ObstacleAppeared) for item in told) == 1
+    assert len(flight.obstacles) == 1
+    report = flight.deployment.flight
+    assert report is not None
+    assert report.lost == ("red",)
+    assert len(refused) == 4
+    assert sum("between its centre and each vehicle" in text for text in refused) == 2
+    assert sum("still flies" in text for text in refused) == 2
+    assert flight.deployment.certificate is not None
+    assert flight.deployment.certificate.holds

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import textwrap
+import time
 from contextlib import ExitStack, closing
-from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from tests.net import connect_team, free_endpoint
+from tests.net import connect_team, free_endpoint, wait_until
 from tests.unit.runtime.small import small
 
-from covey.errors import ArgumentError
-from covey.mission import Mission, load_mission
-from covey.protocol import AgentState, Event, Node, Sender, TradeCommitted
+from covey.errors import ArgumentError, Drop
+from covey.mission import Mission
+from covey.protocol import AgentBuried, AgentState, Event, MembershipOptions, Node, Sender, TradeCommitted
 from covey.runtime.agent import TeamPlanner, build_models
-from covey.runtime.remote_agent import RemoteAgent, join_mission, mission_codec
+from covey.runtime.prover import Prover
+from covey.runtime.remote_agent import RemoteAgent, build_node, join_mission, mission_codec
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
+from covey.transports import RealTransport
 from covey.transports.network import NetworkOptions
-from covey.transports.zenoh import ZenohObserver, ZenohTransport
+from covey.transports.zenoh import ZenohTransport
 
 AGENTS = 2
 
@@ -55,7 +55,7 @@ def test_two_agents_plan_a_mission(mission: Mission) -> None:
         transports = connect_team(range(AGENTS), mission_codec(mission), meeting_point)
         for transport in transports:
             stack.callback(transport.close)
-        agents = [join_mission(mission, transport.agent, transport, on_event=events.append) for transport in transports]
+        agents = [join_mission(mission, transport, on_event=events.append) for transport in transports]
         for agent in agents:
             agent.start()
         while not all(agent.over for agent in agents):
@@ -66,7 +66,7 @@ def test_two_agents_plan_a_mission(mission: Mission) -> None:
     owned = np.concatenate([node.landmarks for node in nodes])
     assert np.sort(owned).tolist() == list(range(len(mission.landmarks)))
     assert len([event for event in events if isinstance(event, TradeCommitted)]) >= 1
-    assert [transport.dropped for transport in transports] == [{}, {}]
+    assert all(set(transport.dropped) <= {Drop.OUTDATED} for transport in transports)
 
     planner = planner_of(mission)
     states = [AgentState(node.agent, node.pose, node.landmarks) for node in nodes]
@@ -80,56 +80,103 @@ def test_two_agents_plan_a_mission(mission: Mission) -> None:
     assert score(planner, nodes) > first
 
 
-CHILD = """
-    import sys
-    from covey.mission import load_mission
-    from covey.protocol import Sender
-    from covey.runtime.remote_agent import join_mission, mission_codec
-    from covey.transports.network import NetworkOptions
-    from covey.transports.zenoh import ZenohTransport
-
-    mission = load_mission(sys.argv[1])
-    agent, connect = int(sys.argv[2]), sys.argv[3]
-    transport = ZenohTransport(Sender(agent, 1), mission_codec(mission), NetworkOptions(connect=(connect,)))
-    over = join_mission(mission, agent, transport, on_event=transport.log).run(timeout=120.0)
-    transport.close()
-    sys.exit(not over)
-"""
-
-
-def test_agents_in_processes_of_their_own_plan_the_thesis_mission(root: Path) -> None:
-    path = root / "examples" / "thesis-5.1.yaml"
-    mission = load_mission(path)
+def test_an_agent_alone_ends_when_the_others_stay_away(mission: Mission) -> None:
     codec = mission_codec(mission)
-    meeting_point = free_endpoint()
-    program = [sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), str(path)]
+    times = MembershipOptions(heartbeat_every=0.05, dead_after=0.2, map_every=0.1)
+    with closing(ZenohTransport(Sender(0, 1), codec, NetworkOptions())) as transport:
+        agent = join_mission(mission, transport, times=times)
+        assert not agent.assemble(1, 0.1)
+        assert agent.run(timeout=60.0, linger=0.0)
+    assert len(agent.node.landmarks) == len(mission.landmarks)
+    planner = planner_of(mission)
+    assert planner.improve(0, agent.node.pose, agent.node.landmarks) is None
+
+
+class Clock:
+    """A clock that jumps when told to."""
+
+    def __init__(self) -> None:
+        self.ahead = 0.0
+
+    def __call__(self) -> float:
+        return time.monotonic() + self.ahead
+
+
+class Sleepy:
+    """A transport during whose next wait the process is stopped for a while."""
+
+    def __init__(self, transport: ZenohTransport, clock: Clock) -> None:
+        self._transport = transport
+        self._clock = clock
+        self.stop_for = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    def wait(self, timeout: float) -> bool:
+        self._clock.ahead += self.stop_for
+        self.stop_for = 0.0
+        return self._transport.wait(min(timeout, 0.01))
+
+
+def test_who_was_stopped_does_not_take_the_others_for_dead(mission: Mission) -> None:
+    """Half an hour passes while its process is stopped; it cannot know who was silent meanwhile."""
+    clock = Clock()
     with ExitStack() as stack:
-        transport = stack.enter_context(
-            closing(ZenohTransport(Sender(0, 1), codec, NetworkOptions(listen=(meeting_point,))))
+        codec = mission_codec(mission)
+        first, second = connect_team(range(AGENTS), codec, free_endpoint())
+        stack.callback(first.close)
+        stack.callback(second.close)
+        sleepy = Sleepy(first, clock)
+        planner = planner_of(mission)
+        node = build_node(mission, 0, planner, incarnation=1)
+        events: list[Event] = []
+        stopped = RemoteAgent(
+            node,
+            cast("RealTransport", sleepy),
+            rng=generator(1, Stream.NODE, 0),
+            prover=stack.enter_context(closing(Prover(mission, 0, planner))),
+            on_event=events.append,
+            clock=clock,
         )
-        observer = stack.enter_context(closing(ZenohObserver(codec, NetworkOptions(connect=(meeting_point,)))))
-        children = [
-            stack.enter_context(subprocess.Popen([*program, str(agent), meeting_point]))
-            for agent in range(1, len(mission.agents))
-        ]
-        assert join_mission(mission, 0, transport, on_event=transport.log).run(timeout=120.0)
-        assert [child.wait(120.0) for child in children] == [0] * len(children)
-        heard = observer.receive()
-    trades = [event for event in heard if isinstance(event, TradeCommitted)]
-    assert trades
-    newest = {}
-    for trade in trades:
-        newest[trade.client] = newest[trade.server] = trade
-    assert set(newest) == set(range(len(mission.agents)))
-    assert transport.dropped == {}
+        other = join_mission(mission, second)
+        stopped.start()
+        other.start()
+
+        def go_on() -> bool:
+            for agent in (stopped, other):
+                agent.step(0.01)
+            return stopped.over and other.over
+
+        wait_until(go_on, "the mission is over")
+        sleepy.stop_for = 1800.0
+        for _ in range(10):
+            stopped.step(0.01)
+        assert not [event for event in events if isinstance(event, AgentBuried)]
+        assert stopped.over
+
+
+def test_a_newer_life_of_an_agent_ends_the_older(mission: Mission) -> None:
+    codec = mission_codec(mission)
+    endpoint = free_endpoint()
+    with closing(ZenohTransport(Sender(0, 1), codec, NetworkOptions(listen=(endpoint,)))) as old:
+        agent = join_mission(mission, old)
+        with closing(ZenohTransport(Sender(0, 2), codec, NetworkOptions(connect=(endpoint,)))) as new:
+            assert not agent.run(timeout=60.0)
+            assert agent.superseded
+            assert not new.superseded
 
 
 def test_the_transport_must_be_the_agents_own(mission: Mission) -> None:
     with closing(ZenohTransport(Sender(1, 1), mission_codec(mission), NetworkOptions())) as transport:
-        agent = join_mission(mission, 1, transport)
+        agent = join_mission(mission, transport)
         assert not agent.over
         assert not agent.run(timeout=0.0)
+        planner = planner_of(mission)
+        rng, prover = generator(1, Stream.NODE, 0), Prover(mission, 0, planner)
         with pytest.raises(ArgumentError, match="transport"):
-            join_mission(mission, 0, transport)
-        with pytest.raises(ArgumentError, match="heartbeat_every"):
-            RemoteAgent(agent.node, range(AGENTS), transport, rng=generator(1, Stream.NODE, 1), heartbeat_every=0.0)
+            RemoteAgent(build_node(mission, 0, planner, incarnation=1), transport, rng=rng, prover=prover)
+        bare = Node(1, [0, 1], agent.node.records, agent.node.poses, planner)
+        with pytest.raises(ArgumentError, match="membership and prove"):
+            RemoteAgent(bare, transport, rng=rng, prover=prover)
+        prover.close()

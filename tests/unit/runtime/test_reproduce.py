@@ -14,7 +14,7 @@ import pytest
 from covey.errors import InputError, OutputError
 from covey.mission import SensorSpec, Trade
 from covey.runtime.reproduce import NAMES, draw_heatmap, reproduce_thesis, table_text, thesis_mission
-from covey.runtime.result import Deployment
+from covey.runtime.result import Deployment, Progress
 
 MakeDeployment = Callable[..., Deployment]
 
@@ -67,6 +67,20 @@ def test_page_figures_and_table(planned: list[dict[str, Any]], tmp_path: Path) -
         rows = list(csv.DictReader(stream))
     assert [row["seed"] for row in rows] == ["thesis", "0", "1", "2"]
     assert float(rows[1]["final"]) == deployments[0].score.final
+
+
+@pytest.mark.usefixtures("planned")
+def test_ctrl_c_keeps_the_seeds_that_are_done(tmp_path: Path) -> None:
+    def stop(news: Progress) -> None:
+        if news.stage == "seed 1":
+            raise KeyboardInterrupt
+
+    deployments = reproduce_thesis(tmp_path / "r", seeds=5, on_progress=stop)
+    assert [deployment.seed for deployment in deployments] == [0, 1]
+    page = (tmp_path / "r" / "index.html").read_text(encoding="utf-8")
+    assert "of 2 seeds" in page
+    assert "The run was interrupted; 5 were asked for." in page
+    assert sorted(path.name for path in (tmp_path / "r").iterdir()) == sorted(NAMES)
 
 
 @pytest.mark.usefixtures("planned")

@@ -93,6 +93,28 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("short")
+@pytest.mark.parametrize(
+    ("last", "flown", "figures"), [("flying swap", 2, 2), ("drawing swap-separation", 3, 2)], ids=["flying", "drawing"]
+)
+def test_ctrl_c_keeps_what_is_finished(last: str, flown: int, figures: int, tmp_path: Path) -> None:
+    heard = False
+
+    def stop(news: Progress) -> None:
+        nonlocal heard
+        heard = heard or news.stage == last
+        if heard:
+            raise KeyboardInterrupt
+
+    findings = reproduce_flight(tmp_path / "r", simulators=["kinematic"], on_progress=stop)
+    assert len(findings) == flown
+    page = (tmp_path / "r" / "index.html").read_text(encoding="utf-8")
+    assert f"The run was interrupted: {flown} of {len(SCENES)} scenes were flown." in page
+    assert (tmp_path / "r" / "measures.csv").exists()
+    assert len(list((tmp_path / "r").glob("*-flown.png"))) == figures
+    assert all((tmp_path / "r" / link).exists() for link in re.findall(r'href="([^"#]+)"', page))
+
+
 def test_each_statement_says_where_and_has_a_figure() -> None:
     keys = [item.key for item in STATEMENTS]
     assert len(set(keys)) == len(keys)

@@ -253,7 +253,7 @@ def test_a_result_with_a_broken_separation_is_refused(
 def test_agents_in_processes_of_their_own_need_layers_of_their_own() -> None:
     transport: Any = Loopback(rng=np.random.default_rng(0)).endpoint(0)
     with pytest.raises(InputError, match="expected a layer for each agent"):
-        join_mission(crowded(), 0, transport)
+        join_mission(crowded(), transport)
 
 
 def test_another_seed_that_leaves_no_room_is_refused() -> None:
@@ -274,7 +274,7 @@ def test_a_cost_that_was_interrupted_is_not_stated(monkeypatch: pytest.MonkeyPat
     def interrupted(mission: Mission) -> Deployment:
         return PlanRun(mission, None).interrupted()
 
-    monkeypatch.setattr("covey.runtime.fly.plan", interrupted)
+    monkeypatch.setattr("covey.runtime.plan.plan", interrupted)
     deployment = fly(crowded(), vehicles="kinematic").deployment
     assert deployment.flight is not None
     assert math.isnan(deployment.flight.separation_cost)

@@ -81,10 +81,9 @@ def test_the_sum_of_gains_is_that_of_the_single_ones(seed: int, name: str, dista
     for pose in sample_poses(model, 10, landmarks, rng=rng):
         rows = kernel_rows(model, pose, landmarks)
         weights = np.where(rows[0] > thresholds, landmarks.weights, 0.0)
-        gradient = np.empty(3)
         c, s = math.cos(pose[2]), math.sin(pose[2])
-        total = gain_gradient(
-            int(model.kernel), columns, 1.0 / model.optimal_distance, pose[0], pose[1], c, s, gradient
+        total, *gradient = gain_gradient(
+            int(model.kernel), columns, 1.0 / model.optimal_distance, pose[0], pose[1], c, s
         )
         assert total == pytest.approx(weights @ (rows[0] - thresholds), rel=1e-12, abs=1e-12)
         # a pose forward is a landmark backward

@@ -20,6 +20,7 @@ from covey.flight.layout import (
     REFERENCE,
     ROTORS,
     SIG_EP,
+    SIG_EV,
     SIGNALS,
     V,
 )
@@ -101,7 +102,8 @@ def test_recovers_from_any_start_within_the_limits(
         assert most_tilt <= limits.max_tilt, math.degrees(most_tilt)
         assert most_rate <= limits.max_yaw_rate
         assert last_away < settled
-        assert signals[:, SIG_EP].max() < 1e-4
+        assert signals[:, SIG_EP].max() < 1e-6
+        assert signals[:, SIG_EV].max() < 1e-6
         assert not simulator.collisions
 
 

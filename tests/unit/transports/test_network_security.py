@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.certificates import Authority
 from tests.contents import CODEC
@@ -14,7 +15,7 @@ from tests.net import free_endpoint, wait_until
 
 from covey.errors import Drop, NetworkError
 from covey.geometry import Pose2
-from covey.protocol import Busy, Heartbeat, PoseRecord, Sender, TradeId
+from covey.protocol import Busy, Heartbeat, Map, PoseRecord, RecordSlice, Sender, TradeId
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
@@ -158,6 +159,24 @@ def test_an_observer_on_the_list_hears(listed: Guarded) -> None:
         return bool(observer.receive())
 
     wait_until(heard, "the observer hears")
+
+
+def test_an_observer_on_the_list_may_ask_for_maps_and_nobody_else_answers(listed: Guarded) -> None:
+    observer = ZenohObserver(CODEC, listed.options(listed.authority.issue("eye")))
+    listed.stack.callback(observer.close)
+    known = Map(Sender(0, 1), RecordSlice(np.array([1]), np.ones((1, 4), dtype=np.int64)), {})
+    heard: list[object] = []
+
+    def asked() -> bool:
+        observer.ask_for_maps()
+        if listed.a.map_wanted:
+            listed.a.show_map(known)
+        heard.extend(observer.receive())
+        return bool(heard)
+
+    wait_until(asked, "the map arrives")
+    assert all(isinstance(message, Map) and message.sender == known.sender for message in heard)
+    assert observer.dropped == {}
 
 
 def test_a_router_enforces_the_list_for_its_clients(stack: ExitStack, tmp_path: Path) -> None:

@@ -9,16 +9,30 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from functools import partial
 
 import numpy as np
 import pytest
 import zenoh
 from tests.contents import AGENTS, CODEC, LANDMARKS
 from tests.net import connect_team, free_endpoint, settle_team, wait_until
+from zenoh.handlers import Callback
 
 from covey.errors import ArgumentError, Drop, NetworkError
 from covey.geometry import Pose2
-from covey.protocol import Abort, Busy, Cause, Heartbeat, PoseOptimized, PoseRecord, Reason, Sender, TradeId
+from covey.protocol import (
+    Abort,
+    Busy,
+    Cause,
+    Heartbeat,
+    Map,
+    PoseOptimized,
+    PoseRecord,
+    Reason,
+    RecordSlice,
+    Sender,
+    TradeId,
+)
 from covey.transports.codec import Codec
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
@@ -338,3 +352,69 @@ def test_options_that_contradict_each_other_are_refused(tmp_path_factory: pytest
         Router(NetworkOptions(), CODEC.digest)
     with pytest.raises(NetworkError):
         ZenohTransport(Sender(0, 1), CODEC, NetworkOptions(credentials=files))
+
+
+def test_an_observer_asks_for_maps_and_gets_one_from_each(net: Net) -> None:
+    a, b = net.team
+    with closing(ZenohObserver(CODEC, net.options)) as observer:
+        heard: list[object] = []
+
+        def ask_and_answer() -> bool:
+            observer.ask_for_maps()
+            for transport in (a, b):
+                if transport.map_wanted:
+                    known = RecordSlice(np.array([2, transport.agent + 3]), np.ones((2, 4), dtype=np.int64))
+                    transport.show_map(Map(transport.sender, known, {}))
+            heard.extend(observer.receive())
+            return {m.sender.agent for m in heard if isinstance(m, Map)} == {0, 1}
+
+        wait_until(ask_and_answer, "both tell what they know")
+        first = next(message for message in heard if isinstance(message, Map) and message.sender.agent == 1)
+        assert first.records.indices.tolist() == [2, 4]
+        assert observer.dropped == {}
+    assert not a.map_wanted or a.receive() == []
+
+
+def test_a_question_for_a_map_wakes_the_agent(net: Net) -> None:
+    a, _ = net.team
+    with closing(ZenohObserver(CODEC, net.options)) as observer:
+
+        def ask() -> bool:
+            observer.ask_for_maps()
+            return a.map_wanted
+
+        wait_until(ask, "the question arrives")
+        assert not a.wait(30.0)  # woken, though no message has come
+
+
+def test_more_questions_than_anybody_needs_are_turned_away(net: Net) -> None:
+    a, _ = net.team
+    session = net.stranger()
+    key = f"{PREFIX}/map/0"
+    ended: list[int] = []
+    replies: list[zenoh.Reply] = []
+    for number in range(40):
+        session.get(key, Callback(replies.append, partial(ended.append, number), indirect=False), timeout=30.0)
+    wait_until(lambda: len(ended) >= 24, "those that are too many end at once")
+    assert a.map_wanted
+    a.show_map(Map(a.sender, RecordSlice(np.empty(0, dtype=np.int64), np.empty((0, 4), dtype=np.int64)), {}))
+    wait_until(lambda: len(ended) == 40, "the others are answered")
+    assert len(replies) == 16
+
+
+def test_a_newer_life_supersedes_the_older_and_not_the_other_way_round(net: Net) -> None:
+    a, b = net.team
+    with closing(ZenohTransport(Sender(1, 2), CODEC, net.options)) as again:
+        wait_until(lambda: b.superseded, "the older life sees the newer")
+        assert not again.superseded
+        assert not a.superseded
+
+
+def test_other_missions_on_the_network_are_told_apart(net: Net) -> None:
+    a, _ = net.team
+    assert a.other_missions == frozenset()
+    other = Codec(bytes(16), agents=CODEC.agents, landmarks=CODEC.landmarks)
+    with closing(ZenohTransport(Sender(1, 9), other, net.options)):
+        wait_until(lambda: a.other_missions == {bytes(16).hex()}, "the other mission is seen")
+        assert a.peers == {Sender(1, 1)}
+        assert not a.superseded

@@ -1,0 +1,105 @@
+"""``covey playground``: a team to play with, or one that runs elsewhere to watch."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from covey.cli.arguments import Seed, named_path
+from covey.cli.interrupt import Interruption
+from covey.cli.view import Host, Open, Port, eyes_of, serve_page
+
+if TYPE_CHECKING:
+    from covey.mission import Mission
+    from covey.runtime.feed import Watcher
+    from covey.runtime.result import Progress
+    from covey.runtime.steering import Steering
+
+LISTEN = 0.05
+"""How long to listen to the network at a time, seconds."""
+
+
+def playground(
+    mission: Annotated[
+        Path, typer.Argument(parser=named_path, metavar="MISSION", help="Mission file: YAML, TOML or JSON.")
+    ],
+    seed: Seed = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENDPOINT", help="Watch a team on the network: where an agent of it listens."),
+    ] = None,
+    network: Annotated[
+        Path | None,
+        typer.Option(parser=named_path, metavar="FILE", help="Watch a team on the network: certificates, times; TOML."),
+    ] = None,
+    port: Port = 0,
+    host: Host = "127.0.0.1",
+    open_page: Open = False,
+    speed: Annotated[float, typer.Option(min=0.0, help="Seconds a second; 0 for as fast as possible.")] = 1.0,
+) -> None:
+    """Play with a mission in the browser: let messages get lost, kill agents, let them come back, and watch.
+
+    The team lives in this process, where a message takes a twentieth of a second, so that all can be seen. With
+    --connect or --network nothing is started: the page shows the team that others have started, and cannot steer it.
+    Nothing is written. It goes on until Ctrl-C.
+
+    Exit code: 0, or 2 for bad input or no network.
+
+    [bold]Examples[/bold]
+
+      covey playground scene.yaml --open
+
+      covey playground scene.yaml --connect tcp/192.0.2.10:7447
+    """
+    from covey.mission import load_mission
+
+    loaded = load_mission(mission, seed=seed)
+
+    from covey.runtime.steering import Steering
+
+    observes = bool(connect or network)
+    steering = None if observes else Steering(speed=speed)
+    with (
+        serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(loaded)) as server,
+        Interruption() as interruption,
+    ):
+        typer.echo("covey: it goes on until you press Ctrl-C", err=True)
+        if steering is None:
+            _observe(loaded, connect or [], network, server.watch, interruption)
+        else:
+            _play(loaded, server.watch, steering, interruption)
+
+
+def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: Interruption) -> None:
+    from covey.runtime.live_team import LiveTeam
+
+    def report(news: Progress) -> None:
+        interruption.check()
+
+    LiveTeam(mission, watch=watch, steering=steering).play(until=lambda: interruption.noted, on_progress=report)
+
+
+def _observe(
+    mission: Mission, connect: list[str], network: Path | None, watch: Watcher, interruption: Interruption
+) -> None:
+    from covey.runtime.network_file import OBSERVER, NetworkPlan, load_network
+    from covey.runtime.network_telling import NetworkTeller
+    from covey.runtime.observer import Observer
+    from covey.runtime.remote_agent import mission_codec
+    from covey.transports.zenoh import ZenohObserver
+
+    plan = NetworkPlan() if network is None else load_network(network, mission)
+    joined = plan.joined(connect=tuple(connect)).for_name(OBSERVER)
+    with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
+        observer = Observer(mission, access, times=joined.times)
+        teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
+        settled = False
+        while not interruption.noted:
+            observer.step(LISTEN)
+            if observer.over and not settled:
+                observer.settle()
+            settled = observer.over
+            teller.update()

@@ -1,0 +1,1 @@
+"""The Playground: a page in the browser to watch, steer and replay a mission."""

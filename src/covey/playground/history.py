@@ -1,0 +1,64 @@
+"""What went before, for those who come late: bounded, however long a run takes."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from covey.playground.messages import History, PastChange
+from covey.runtime.feed import Scene, TeamChange, TeamState, Update
+
+POINTS = 2000
+"""Most points of the score curve; beyond it every other one is left out."""
+
+CHANGES = 200
+"""So many changes are kept in words."""
+
+
+class HistoryKeeper:
+    """Keeps the score curve, thinned out, and the newest changes.
+
+    Examples
+    --------
+    >>> keeper = HistoryKeeper()
+    >>> for second in range(100_000):
+    ...     keeper.add_score(second, 0.5 * second)
+    >>> history = keeper.history()
+    >>> len(history.times) <= POINTS + 1, float(history.times[0]), float(history.times[-1])
+    (True, 0.0, 99999.0)
+    """
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._scores: list[float] = []
+        self._newest: tuple[float, float] | None = None
+        self._stride, self._count = 1, 0
+        self._changes: deque[PastChange] = deque(maxlen=CHANGES)
+
+    def add(self, item: Scene | Update) -> None:
+        """Take in what a run tells."""
+        if isinstance(item, TeamChange):
+            self._changes.append(PastChange(item.time, item.kind, item.agents, item.score, item.text))
+            self.add_score(item.time, item.score)
+        elif isinstance(item, TeamState):
+            self.add_score(item.time, float(item.scores.sum()))
+
+    def add_score(self, time: float, score: float) -> None:
+        """Add a point to the curve."""
+        self._newest = (time, score)
+        if self._count % self._stride == 0:
+            self._times.append(time)
+            self._scores.append(score)
+            if len(self._times) > POINTS:
+                del self._times[1::2], self._scores[1::2]
+                self._stride *= 2
+        self._count += 1
+
+    def history(self) -> History:
+        """Return it as a message; the newest point is always there."""
+        times, scores = list(self._times), list(self._scores)
+        if self._newest is not None and times[-1] != self._newest[0]:
+            times.append(self._newest[0])
+            scores.append(self._newest[1])
+        return History(np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64), tuple(self._changes))

@@ -1,0 +1,432 @@
+"""Real processes over a real network: they settle with a proof, whoever dies and whoever listens in."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from tests.certificates import Authority
+from tests.net import PATIENCE, free_endpoint, wait_until
+from tests.unit.runtime.small import check_deployment, small
+
+from covey.cli.main import main
+from covey.errors import NetworkError
+from covey.mission import Mission, load_mission, mission_digest
+from covey.protocol import Heartbeat, PoseRecord, Sender
+from covey.runtime.certify import certify
+from covey.runtime.launch import Blow, LaunchOptions, LaunchReport, launch
+from covey.runtime.network_file import NetworkPlan, load_network
+from covey.runtime.observer import Observer
+from covey.runtime.record import read_result
+from covey.runtime.remote_agent import NETWORK_TIMES, mission_codec
+from covey.runtime.result import Deployment, PlanStatus
+from covey.transports.codec import Codec
+from covey.transports.network import Credentials, NetworkOptions, mission_prefix
+from covey.transports.zenoh import ZenohTransport
+
+LONGEST = 240.0
+"""Seconds after which a launch is given up: much longer than it takes."""
+
+LONG_ENOUGH = (Blow(0, 3.0, signal.SIGCONT),)
+"""A signal that does nothing: until it has come, and some seconds more, the mission is not called over."""
+
+UNOWNED = NETWORK_TIMES.dead_after + 2.0
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The file of a small mission."""
+    file = tmp_path / "small.json"
+    file.write_text(json.dumps(small().source), "utf-8")
+    return file
+
+
+def check(deployment: Deployment, report: LaunchReport) -> None:
+    """Check what holds for every launch that came to its end."""
+    assert report.settled
+    assert deployment.status is PlanStatus.SETTLED
+    assert deployment.certificate is not None
+    assert deployment.certificate.holds, deployment.certificate.violations
+    assert certify(deployment).holds
+    owned = np.concatenate([agent.landmarks for agent in deployment.agents])
+    assert np.array_equal(np.sort(owned), np.arange(len(deployment.mission.landmarks)))
+    said = [line for one in report.exits for line in one.stderr]
+    assert not [line for line in said if "Traceback" in line or "Error" in line], said
+    assert report.longest_unowned <= UNOWNED
+
+
+def test_a_team_of_processes_plans_a_mission(path: Path) -> None:
+    observers: list[Observer] = []
+    mission = load_mission(path)
+    deployment, report = launch(mission, path, LaunchOptions(timeout=LONGEST), on_observer=observers.append)
+    check(deployment, report)
+    check_deployment(deployment)
+    assert report.died == ()
+    assert report.strangers == {}
+    assert [one.code for one in report.exits] == [0, 0, 0]
+    assert {agent["ending"] for agent in report.agents} == {"released"}
+    assert deployment.trades == sum(agent["trades"] for agent in report.agents) >= 1
+    assert deployment.score.final > deployment.score.initial
+    assert len(observers) == 1
+
+
+def test_who_dies_is_replaced_and_comes_back_with_its_memory(path: Path, tmp_path: Path) -> None:
+    blows = (Blow(1, 0.5), Blow(0, 6.0))
+    options = LaunchOptions(restart=True, blows=blows, state=tmp_path / "state", timeout=LONGEST)
+    deployment, report = launch(load_mission(path), path, options)
+    check(deployment, report)
+    assert [one.name for one in report.exits if one.code == -signal.SIGKILL] == ["red", "blue"]
+    assert {agent["name"] for agent in report.agents if agent["remembered"]} == {"red", "blue"}
+    events = [(entry.event, entry.agents) for entry in deployment.history]
+    assert ("return", ("red",)) in events
+    assert any(event == "adoption" for event, _ in events)
+    assert len(deployment.agents[1].landmarks) > 0
+
+
+def test_who_does_not_come_back_is_blind_in_the_result(path: Path) -> None:
+    deployment, report = launch(load_mission(path), path, LaunchOptions(blows=(Blow(2, 0.5),), timeout=LONGEST))
+    check(deployment, report)
+    assert [agent.sensor.model for agent in deployment.mission.agents] == ["anisotropic", "anisotropic", "blind"]
+    assert len(deployment.agents[2].landmarks) == 0
+    assert ("death", ("green",)) in [(entry.event, entry.agents) for entry in deployment.history]
+
+
+def hard_times(seed: int, agents: int) -> tuple[Blow, ...]:
+    """Draw when which agents are killed, or stopped for a while, every few seconds."""
+    rng = np.random.default_rng(seed)
+    at, blows = float(rng.uniform(0.0, 2.0)), []
+    for _ in range(3):
+        agent = int(rng.integers(agents))
+        if rng.random() < 0.3:
+            stopped = float(rng.uniform(0.5, 2.0 * NETWORK_TIMES.dead_after))
+            blows += [Blow(agent, at, signal.SIGSTOP), Blow(agent, at + stopped, signal.SIGCONT)]
+            at += stopped
+        else:
+            blows.append(Blow(agent, at))
+        at += float(rng.uniform(1.5, 2.5)) * NETWORK_TIMES.dead_after
+    return tuple(blows)
+
+
+def test_missions_survive_kills_and_stops(path: Path, seeds: Callable[[int, int], range]) -> None:
+    for seed in seeds(2, 100):
+        mission = load_mission(path, seed=seed)
+        blows = hard_times(seed, len(mission.agents))
+        deployment, report = launch(mission, path, LaunchOptions(restart=True, blows=blows, timeout=LONGEST))
+        check(deployment, report)
+        assert all(agent.landmarks.size for agent in deployment.agents), f"seed {seed}"
+
+
+class Stranger(threading.Thread):
+    """Somebody on the network who is up to no good, until the mission is over."""
+
+    def __init__(self, mission: Mission, endpoints: Sequence[str], credentials: Credentials | None = None) -> None:
+        super().__init__(daemon=True)
+        self.mission = mission
+        self.endpoints = tuple(endpoints)
+        self.credentials = credentials
+        self.stopped = threading.Event()
+        self.replayed = 0
+
+    def run(self) -> None:
+        codec = mission_codec(self.mission)
+        other = Codec(bytes(16), agents=codec.agents, landmarks=codec.landmarks)
+        prefix = mission_prefix(codec.digest)
+        options = NetworkOptions(connect=self.endpoints, credentials=self.credentials)
+        elsewhere = ZenohTransport(Sender(0, 1), other, options)
+        overheard: list[tuple[str, bytes]] = []
+        session = elsewhere._session
+
+        def overhear(sample: zenoh.Sample) -> None:
+            if len(overheard) < 50:
+                overheard.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+        session.declare_subscriber(f"{prefix}/state/*", overhear, allowed_origin=zenoh.Locality.REMOTE)
+        pose = PoseRecord(99, 99, self.mission.agents[0].pose)
+        while not self.stopped.wait(0.02):
+            for agent in range(codec.agents):
+                lie = Heartbeat(Sender(0, 2**40), 1, True, 1, pose, {}, {}, b"12345678")
+                foreign = other.encode(lie, sender=lie.sender, number=1)
+                impostor = codec.encode(lie, sender=Sender((agent + 1) % codec.agents, 1), number=1)
+                for data in (b"", b"garbage", os.urandom(200), foreign, impostor):
+                    session.put(f"{prefix}/state/{agent}", data)
+                    session.put(f"{prefix}/log/{agent}", data)
+                    session.get(f"{prefix}/trade/{agent}/1", zenoh.handlers.FifoChannel(4), payload=data, timeout=1.0)
+            for key, data in list(overheard):
+                self.replayed += 1
+                session.put(key, data)
+        elsewhere.close()
+
+    def stop(self) -> None:
+        """Leave."""
+        self.stopped.set()
+        self.join(PATIENCE)
+
+
+@contextmanager
+def strangers() -> Iterator[list[Stranger]]:
+    there: list[Stranger] = []
+    try:
+        yield there
+    finally:
+        for stranger in there:
+            stranger.stop()
+
+
+def test_a_stranger_changes_nothing_and_is_reported(path: Path) -> None:
+    mission = load_mission(path)
+    with strangers() as there:
+
+        def invite(endpoints: Sequence[str]) -> None:
+            there.append(Stranger(mission, endpoints))
+            there[0].start()
+
+        options = LaunchOptions(blows=LONG_ENOUGH, timeout=LONGEST)
+        deployment, report = launch(mission, path, options, on_endpoints=invite)
+        assert there[0].replayed > 0
+    check(deployment, report)
+    check_deployment(deployment)
+    assert report.died == ()
+    counts = report.strangers
+    assert {"malformed", "another mission", "impostor", "replayed"} <= set(counts), counts
+    assert all(agent["dropped"].get("malformed") for agent in report.agents)
+    assert all(agent["other_missions"] == [bytes(16).hex()] for agent in report.agents)
+    assert not [entry for entry in deployment.history if entry.event in ("death", "return", "abandoned")]
+
+
+def secure(folder: Path, authority: Authority, names: Sequence[str]) -> Path:
+    """Write a network file of a team with certificates."""
+    for name in (*names, "observer"):
+        files = authority.issue(name)
+        files.certificate.rename(folder / f"{name}.pem")
+        files.key.rename(folder / f"{name}.key")
+    agents = ", ".join(f'{name} = "{name}"' for name in names)
+    text = f"""
+        [credentials]
+        authority = "{authority.path.name}"
+        certificate = "{{name}}.pem"
+        key = "{{name}}.key"
+        [access]
+        agents = {{{agents}}}
+        observers = ["observer"]
+    """
+    (folder / "net.toml").write_text(text, "utf-8")
+    return folder / "net.toml"
+
+
+def test_with_certificates_a_stranger_is_not_even_let_in(path: Path, tmp_path: Path) -> None:
+    mission = load_mission(path)
+    authority, forger = Authority(tmp_path), Authority(tmp_path, "forger")
+    file = secure(tmp_path, authority, [agent.name for agent in mission.agents])
+    plan = load_network(file, mission)
+    options = LaunchOptions(network=plan, network_file=file, blows=LONG_ENOUGH, timeout=LONGEST)
+    forged = forger.issue("blue", trusted=authority.path)
+    with strangers() as there:
+
+        def invite(endpoints: Sequence[str]) -> None:
+            there.append(Stranger(mission, endpoints, forged))
+            there[0].start()
+
+        deployment, report = launch(mission, path, options, on_endpoints=invite)
+        assert there[0].replayed == 0
+    check(deployment, report)
+    assert report.died == ()
+    assert report.strangers == {}
+    assert len(report.agents) == len(mission.agents)
+    assert sum(report.refused.values()) > 0
+    assert all("certificate" in why for why in report.refused), report.refused
+
+
+def test_an_agent_that_cannot_start_ends_the_launch(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    options = LaunchOptions(state=tmp_path / "file", timeout=LONGEST)
+    with pytest.raises(NetworkError, match=r"did not start \(exit code 2\): .*cannot be made"):
+        launch(load_mission(path), path, options)
+    assert children_of(os.getpid()) == []
+
+
+def test_when_time_is_up_what_is_known_is_kept(path: Path) -> None:
+    deployment, report = launch(load_mission(path), path, LaunchOptions(blows=(Blow(0, 1e6),), timeout=8.0))
+    assert not report.settled
+    assert deployment.status is PlanStatus.INTERRUPTED
+    assert deployment.certificate is None
+    assert {one.code for one in report.exits} <= {130, -signal.SIGKILL}
+    assert math.isfinite(deployment.score.final)
+
+
+# The command.
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the agents' processes that a process has started."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if parent == pid and b"agent" in words:
+            found.append(int(folder.name))
+    return found
+
+
+def lives(pid: int) -> bool:
+    try:
+        return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def launched(path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A launch that does not end by itself, with all its agents there."""
+    command = [sys.executable, "-W", "error", "-m", "covey", "launch", str(path), "--out", str(path.parent / "out")]
+    with subprocess.Popen(
+        [*command, "--kill", "red@100000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        wait_until(lambda: len(children_of(process.pid)) == 3, "all agents are started")
+        yield process
+        process.kill()
+
+
+def test_ctrl_c_is_passed_on_and_keeps_what_is_known(launched: subprocess.Popen[str], path: Path) -> None:
+    children = children_of(launched.pid)
+    time.sleep(2.0)
+    launched.send_signal(signal.SIGINT)
+    _, err = launched.communicate(timeout=60.0)
+    assert launched.returncode == 130
+    assert "Traceback" not in err
+    assert "interrupted; what was known by then is in" in err
+    assert read_result(path.parent / "out").status is PlanStatus.INTERRUPTED
+    report = json.loads((path.parent / "out" / "launch.json").read_text())
+    assert not report["settled"]
+    assert not any(lives(child) for child in children)
+
+
+def test_no_agent_outlives_its_parent(launched: subprocess.Popen[str]) -> None:
+    children = children_of(launched.pid)
+    launched.kill()
+    launched.wait()
+    wait_until(lambda: not any(lives(child) for child in children), "all agents leave")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    printed = capsys.readouterr()
+    return int(ended.value.code or 0), printed.out, printed.err
+
+
+def test_agents_started_by_hand_are_watched(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three agents that know of one endpoint each, and an observer that comes when they have long been done."""
+    first, second = free_endpoint(), free_endpoint()
+    agent = [sys.executable, "-W", "error", "-m", "covey", "agent", "--mission", str(path), "--attached", "--json"]
+    words = (
+        ["--name", "blue", "--listen", first],
+        ["--name", "red", "--listen", second, "--connect", first],
+        ["--name", "green", "--connect", second],
+    )
+    out = path.parent / "watched"
+    processes = [
+        subprocess.Popen([*agent, *more], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for more in words
+    ]
+    try:
+        arguments = ("--observe", "--connect", second, "--out", str(out), "--timeout", str(LONGEST), "--quiet")
+        time.sleep(5.0)
+        code, _, err = run(capsys, "launch", str(path), *arguments)
+        assert code == 0, err
+        assert err == ""
+        reports: list[dict[str, Any]] = []
+        for process in processes:
+            said, _ = process.communicate(timeout=60.0)
+            assert process.returncode == 0
+            reports.append(json.loads(said))
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+    assert [report["name"] for report in reports] == ["blue", "red", "green"]
+    assert certify(out).holds
+
+
+def test_the_command_writes_and_prints_what_planning_does(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = path.parent / "out"
+    code, printed, err = run(capsys, "launch", str(path), "--out", str(out), "--json", "--seed", "5")
+    assert code == 0
+    assert "Traceback" not in err
+    assert json.loads(printed) == json.loads((out / "result.json").read_text())
+    assert {file.name for file in out.iterdir()} == {
+        "result.json",
+        "agents.csv",
+        "deployment.png",
+        "deployment.pdf",
+        "launch.json",
+        "record.mcap",
+    }
+    assert read_result(out).seed == 5
+    code, _, err = run(capsys, "launch", str(path), "--out", str(out))
+    assert code == 2
+    assert "is not empty" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["launch", "FILE", "--kill", "pink@3"], "--kill: expected NAME@SECONDS with an agent of blue, red, green"),
+        (["launch", "FILE", "--kill", "blue"], "--kill: expected NAME@SECONDS"),
+        (["launch", "FILE", "--kill", "blue@-1"], "--kill: expected NAME@SECONDS"),
+        (["launch", "FILE", "--connect", "tcp/127.0.0.1:1"], "--connect: expected --observe"),
+        (["launch", "FILE", "--observe", "--restart"], "--observe: expected neither"),
+        (["launch", "FILE", "--network", "absent.toml"], "absent.toml"),
+        (["agent", "--mission", "FILE", "--name", "pink"], "--name: expected an agent of"),
+        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "nonsense"], "cannot join the network"),
+        (["agent", "--mission", "FILE", "--name", "blue", "--router", "tcp/a:1", "--listen", "tcp/b:1"], "--router"),
+    ],
+)
+def test_bad_input_is_one_error(
+    path: Path,
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(path.parent)
+    code, _, err = run(capsys, *(str(path) if word == "FILE" else word for word in arguments))
+    assert code == 2
+    assert said in err
+    assert "Traceback" not in err
+    assert not (path.parent / "covey-out").exists()
+
+
+def test_agents_of_another_mission_are_named_while_one_waits_in_vain(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endpoint = free_endpoint()
+    other = mission_codec(load_mission(path, seed=99))
+    assert other.digest != mission_digest(load_mission(path))
+    transport = ZenohTransport(Sender(1, 1), other, NetworkOptions(listen=(endpoint,)))
+    try:
+        words = ["agent", "--mission", str(path), "--name", "blue", "--connect", endpoint]
+        code, _, err = run(capsys, *words, "--wait", "2", "--timeout", "1")
+    finally:
+        transport.close()
+    assert code == 1
+    assert "begins without red, green, not heard of in 2 s" in err
+    assert "hears agents of 1 other mission: compare the mission files and seeds" in err
+
+
+def test_a_plan_without_a_file_is_the_default() -> None:
+    assert LaunchOptions().network == NetworkPlan()

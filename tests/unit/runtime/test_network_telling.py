@@ -1,0 +1,166 @@
+"""What watchers are told of a team on the network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from tests.unit.runtime.small import small
+
+from covey.errors import Drop
+from covey.geometry import Pose2
+from covey.protocol import (
+    AgentBuried,
+    AgentReturned,
+    Cause,
+    Heartbeat,
+    LandmarksAdopted,
+    PoseOptimized,
+    PoseRecord,
+    RecordSlice,
+    Sender,
+    TradeCommitted,
+    TradeId,
+)
+from covey.runtime.feed import Activity, ChangeKind, Ended, Health, Run, Scene, TeamChange, TeamState, Update
+from covey.runtime.network_telling import NetworkTeller
+from covey.runtime.observer import Content, Observer
+from covey.runtime.view import TeamView
+
+DEAD_AFTER = 3.0
+
+
+class Network:
+    """An observer that hears what is written here, and what is told of it."""
+
+    def __init__(self) -> None:
+        self.said: list[Content] = []
+        self.now = 0.0
+        self.dropped: Mapping[Drop, int] = {}
+        self.told: list[Scene | Update] = []
+        self.view = TeamView()
+        self.mission = small()
+        self.observer = Observer(self.mission, self, clock=lambda: self.now)
+        self.teller = NetworkTeller(self.watch, self.observer, dead_after=DEAD_AFTER)
+
+    def watch(self, item: Scene | Update) -> None:
+        self.told.append(item)
+        self.view.apply(item)
+
+    def receive(self) -> list[Content]:
+        said, self.said = self.said, []
+        return said
+
+    def wait(self, timeout: float) -> bool:
+        self.now += timeout
+        return bool(self.said)
+
+    def ask_for_maps(self) -> None:
+        pass
+
+    def hear(self, *content: Content, after: float = 0.1) -> list[Scene | Update]:
+        """Let the observer hear something; return what is told of it."""
+        known = len(self.told)
+        self.said = list(content)
+        self.observer.step(after)
+        self.teller.update()
+        return self.told[known:]
+
+
+def beat(agent: int, *, quiescent: bool = False) -> Heartbeat:
+    return Heartbeat(Sender(agent, 1), 1, quiescent, 3, PoseRecord(1, 0, Pose2(0.0, 0.0, 0.0)), {}, {}, b"")
+
+
+@pytest.fixture
+def network() -> Network:
+    return Network()
+
+
+def test_scene_and_state_come_first(network: Network) -> None:
+    scene, state = network.told
+    assert isinstance(scene, Scene)
+    assert scene.run is Run.NETWORK
+    assert isinstance(state, TeamState)
+    np.testing.assert_array_equal(state.owner, network.observer.team.owner)
+    assert set(state.activity) == {Activity.GONE}
+
+
+def test_events_become_changes(network: Network) -> None:
+    moved = Pose2(0.5, 0.25, 1.0)
+    told = network.hear(beat(0), PoseOptimized(0, moved, 0.0, 1.0, Cause.OPTIMIZER))
+    (change,) = (item for item in told if isinstance(item, TeamChange))
+    assert (change.kind, change.agents, change.posed) == (ChangeKind.OPTIMIZATION, (0,), (0,))
+    np.testing.assert_allclose(change.poses[0, :2], [0.5, 0.25])
+    n = len(network.mission.landmarks)
+    halves = np.arange(n // 2), np.arange(n // 2, n)
+    pose = network.mission.agents[1].pose
+    told = network.hear(TradeCommitted(TradeId(1, 0, 1), 1, 0, pose, moved, halves[0], halves[1], n, 0.0, 1.0))
+    (change,) = (item for item in told if isinstance(item, TeamChange))
+    assert (change.kind, change.agents) == (ChangeKind.TRADE, (1, 0))
+    np.testing.assert_array_equal(network.view.owner, network.observer.team.owner)
+    assert network.view.trades == 1
+    np.testing.assert_allclose(network.view.scores, network.observer.team.scores)
+
+
+def test_what_is_heard_at_once_is_told_change_by_change(network: Network) -> None:
+    poses = [Pose2(0.1 * index, 0.0, 0.0) for index in range(4)]
+    told = network.hear(*(PoseOptimized(0, pose, 0.0, 1.0, Cause.OPTIMIZER) for pose in poses))
+    assert sum(isinstance(item, TeamChange) for item in told) == 4
+    np.testing.assert_allclose(network.view.poses[0, :2], [0.3, 0.0])
+
+
+def test_each_of_several_trades_says_how_many_landmarks_moved(network: Network) -> None:
+    pose, n = Pose2(0.0, 0.0, 0.0), len(network.mission.landmarks)
+    all_of_them, none = np.arange(n), np.arange(0)
+    trades = [
+        TradeCommitted(TradeId(0, other, 1), 0, other, pose, pose, all_of_them, none, moved, 0.0, 1.0)
+        for other, moved in ((1, 3), (2, 5))
+    ]
+    texts = [item.text for item in network.hear(*trades) if isinstance(item, TeamChange)]
+    assert ["3 landmarks" in texts[0], "5 landmarks" in texts[1]] == [True, True]
+
+
+def test_silence_is_seen_even_if_nobody_speaks(network: Network) -> None:
+    network.hear(beat(0), beat(1, quiescent=True))
+    assert network.view.activity.tolist() == [Activity.IDLE, Activity.QUIESCENT, Activity.GONE]
+    network.hear(after=0.6 * DEAD_AFTER)
+    assert network.view.activity.tolist() == [Activity.SUSPECT, Activity.SUSPECT, Activity.GONE]
+    network.hear(beat(1), after=0.6 * DEAD_AFTER)
+    assert network.view.activity.tolist() == [Activity.DEAD, Activity.IDLE, Activity.GONE]
+    health = network.view.health
+    assert isinstance(health, Health)
+    assert np.isnan(health.heard[2])
+    assert health.heard[1] == pytest.approx(network.now)
+
+
+def test_death_adoption_and_return(network: Network) -> None:
+    network.hear(beat(0), beat(1), beat(2))
+    network.hear(after=1.1 * DEAD_AFTER)
+    own = np.flatnonzero(network.observer.team.owner == 1)
+    values = np.tile(np.array([2, 1, 0, 1], dtype=np.int64), (len(own), 1))
+    told = network.hear(beat(0), beat(2), AgentBuried(0, 1), LandmarksAdopted(0, RecordSlice(own, values)))
+    kinds = [item.kind for item in told if isinstance(item, TeamChange)]
+    assert kinds == [ChangeKind.DEATH, ChangeKind.ADOPTION]
+    assert network.view.scores[1] == 0.0
+    assert 1 not in network.view.owner
+    told = network.hear(beat(1), AgentReturned(0, Sender(1, 2)))
+    assert [item.kind for item in told if isinstance(item, TeamChange)] == [ChangeKind.RETURN]
+    assert network.view.activity[1] == Activity.IDLE
+
+
+def test_the_end_is_told_with_the_state(network: Network) -> None:
+    network.hear(beat(0))
+    network.teller.end("settled", True)
+    state, ended = network.told[-2:]
+    assert isinstance(state, TeamState)
+    assert ended == Ended(network.now, "settled", True, float(state.scores.sum()))
+
+
+def test_what_the_team_agreed_on_replaces_what_events_told(network: Network) -> None:
+    owner = (network.observer.team.owner + 1) % 3
+    network.observer.team.settle(owner, {0: Pose2(1.0, 1.0, 0.0)})
+    told = network.hear()
+    assert any(isinstance(item, TeamState) for item in told)
+    np.testing.assert_array_equal(network.view.owner, owner)
+    np.testing.assert_allclose(network.view.poses[0, :2], [1.0, 1.0])
