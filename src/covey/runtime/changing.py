@@ -164,6 +164,9 @@ class ChangingTeam(Team):
         self.rescore()
         names = tuple(self.mission.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(news.event, names, self.score, news.detail))
+        if self.onlooker is not None:
+            changed = np.array(sorted(news.catalogue.landmarks), dtype=np.int64)
+            self.onlooker.reshaped(news.event, agents, changed, news.detail)
         for agent, present in enumerate(self._present):
             if present:
                 self.bus.send(agent, Change(Sender(OPERATOR, 1), news.catalogue))
@@ -198,7 +201,7 @@ class ChangingTeam(Team):
                 before = self.owner
                 self.owner = self._owners()
                 others = set(before[before != self.owner].tolist()) - {-1, output.agent}
-                self._log("adopted", (output.agent, *sorted(others)))
+                self._log("adoption", (output.agent, *sorted(others)))
             elif isinstance(output, TradeCommitted):
                 self._newest.merge(self.nodes[output.client].records.all())
                 super()._act(agent, (output,))

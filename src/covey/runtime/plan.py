@@ -81,7 +81,7 @@ def plan(
     Raises
     ------
     InputError
-        If a sensor model cannot be built, or the mission has changes and is to be watched.
+        If a sensor model cannot be built, or the mission has changes and agents that share an altitude.
     SolverError
         If a bound is asked for and a sensor is not a built-in model.
 
@@ -101,8 +101,6 @@ def plan(
         require_built_in(run.models)
     if mission.changes and mission.separation is not None:
         raise InputError("changes: expected a mission in which no agents share an altitude")
-    if watch is not None and mission.changes:
-        raise InputError("changes: expected a mission without, to be watched; leave the key out or do not watch")
     if steering is not None:
         run.steering, watch = steering, steering.counting(watch)
     if watch is not None:

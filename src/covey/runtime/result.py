@@ -97,8 +97,8 @@ class HistoryEntry:
     ----------
     event : str
         ``initial``, ``optimization``, ``trade`` or ``proof`` (the proof of a pose found a better one); where an
-        operator changed the mission ``added``, ``removed``, ``reweighted``, ``joined`` or ``left``, and ``adopted`` (an
-        agent took landmarks over that had no owner).
+        operator changed the mission ``added``, ``removed``, ``reweighted``, ``joined`` or ``left``, and ``adoption``
+        (an agent took landmarks over that had no owner).
     agents : tuple of str
         The agents that it concerned.
     score : float

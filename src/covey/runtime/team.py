@@ -119,6 +119,10 @@ class Onlooker(Protocol):
         """Take notice of an agent that has done something, perhaps only answered."""
         ...
 
+    def reshaped(self, event: str, agents: tuple[int, ...], landmarks: NDArray[np.int64], detail: str) -> None:
+        """Take notice of a new entry of the history: landmarks or agents were changed from outside."""
+        ...
+
 
 def initial_owners(mission: Mission, seed: int) -> NDArray[np.int64]:
     """Return the index of each landmark's first owner, shape (n,).

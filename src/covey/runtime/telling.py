@@ -62,6 +62,11 @@ KINDS = {
     "death": ChangeKind.DEATH,
     "return": ChangeKind.RETURN,
     "agreed": ChangeKind.ADOPTION,
+    "added": ChangeKind.LANDMARKS,
+    "removed": ChangeKind.LANDMARKS,
+    "reweighted": ChangeKind.LANDMARKS,
+    "joined": ChangeKind.JOINED,
+    "left": ChangeKind.LEFT,
 }
 """Events of the history as watchers know them."""
 
@@ -175,12 +180,12 @@ class TeamTeller(Teller):
         super().__init__(watch, scene)
         m = len(scene.agents)
         self._team = team
-        self._names = [agent.name for agent in scene.agents]
         self._clock = clock or (lambda: team.bus.now)
         self._altitudes = np.zeros(m) if altitudes is None else np.array(altitudes, dtype=np.float64)
         self._offers: dict[int, Offer] = {}  # by server
         self._closed: dict[int, TradeId] = {}
         self._dead: set[int] = set()
+        self._gone: set[int] = set()
         self._activity = np.full(m, Activity.IDLE, dtype=np.uint8)
         self._heard = np.full(m, np.nan)
         self._acts = 0  # since the last Health
@@ -191,6 +196,12 @@ class TeamTeller(Teller):
     def begin(self, scene: Scene) -> None:
         """Tell the scene, at the start and when it changes, and the state."""
         self.scene = scene
+        self._names = [agent.name for agent in scene.agents]
+        new = len(self._names) - len(self._activity)
+        if new > 0:
+            self._altitudes = np.append(self._altitudes, np.zeros(new))
+            self._activity = np.append(self._activity, np.full(new, Activity.IDLE, dtype=np.uint8))
+            self._heard = np.append(self._heard, np.full(new, np.nan))
         self.tell(scene)
         self.state(self._state())
 
@@ -230,6 +241,23 @@ class TeamTeller(Teller):
         if self._acts >= max(1, len(self._names) // 4) and self._is_health_news():
             self._tell_health()
 
+    def reshaped(self, event: str, agents: tuple[int, ...], landmarks: NDArray[np.int64], detail: str) -> None:
+        """Tell that landmarks or agents were changed from outside."""
+        team, kind = self._team, KINDS[event]
+        if event in ("added", "joined"):
+            mission, planner = team.mission, team.planner
+            self.begin(describe(mission, planner.models, run=self.scene.run, software=self.scene.software))
+        elif event == "left":
+            self._gone.update(agents)
+            self._activity[list(agents)] = Activity.GONE
+            for agent in agents:
+                self._close(agent)
+            self._tell_health()
+        else:
+            self.weighted(landmarks, team.planner.weights[landmarks])
+        text = f"{detail} {event}; score {team.score:.2f}"
+        self.change(self._clock(), kind, agents, team.owner, self._poses(), team.scores, text)
+
     # What runs call.
 
     def motion(
@@ -263,14 +291,10 @@ class TeamTeller(Teller):
         self.tell(ObstacleAppeared(self._clock(), scene_obstacle(obstacle)))
 
     def weighted(self, landmarks: NDArray[np.integer], weights: NDArray[np.float64]) -> None:
-        """Tell that landmarks are worth something else; call `Team.rescore` and `revalued` for what follows."""
+        """Tell that landmarks are worth something else; `reshaped` tells what follows."""
         now = self._clock()
         self.tell(Weights(now, landmarks.astype(np.int32), np.array(weights, dtype=np.float64)))
         self.count(now)
-
-    def revalued(self, text: str) -> None:
-        """Tell that the scores changed with the landmarks."""
-        self.change(self._clock(), ChangeKind.LANDMARKS, (), self._team.owner, self._poses(), self._team.scores, text)
 
     def bound(self, bound: float) -> None:
         """Tell what no deployment can exceed."""
@@ -303,6 +327,8 @@ class TeamTeller(Teller):
     def _activity_of(self, node: Node) -> Activity:
         if node.agent in self._dead:
             return Activity.DEAD
+        if node.agent in self._gone:
+            return Activity.GONE
         if self._team.travel.under_way(node.agent):
             return Activity.FLYING
         if node.lock is Lock.SERVER_PREPARED:
@@ -332,7 +358,7 @@ class TeamTeller(Teller):
             self._team.owner.astype(np.int32),
             self._poses(),
             self._team.scores.copy(),
-            self._team.mission.landmarks.weights.copy(),
+            self._team.planner.weights.copy(),
             self._activity.copy(),
             np.unique(np.concatenate(offered)).astype(np.int32) if offered else np.empty(0, dtype=np.int32),
             self._team.trades,

@@ -16,9 +16,11 @@ from covey import certify, plan
 from covey.errors import InputError, MissionError
 from covey.mission import Mission, agent_text, parse_mission, read_agent
 from covey.runtime.changing import UNHEARD
+from covey.runtime.feed import Activity, ChangeKind, Scene, TeamChange, Update
 from covey.runtime.fly import fly
 from covey.runtime.record import read_result
 from covey.runtime.result import Deployment
+from covey.runtime.view import TeamView
 
 GREY = {"name": "grey", "pose": {"x_m": 0.0, "y_m": 0.0, "yaw_deg": 0.0}}
 ADD = {"add": {"points": [[1.5, 2.5], [1.7, 2.5]], "weight": 2.0}}
@@ -85,7 +87,7 @@ def test_the_score_falls_only_where_the_log_says_why(seed: int) -> None:
     for before, after in itertools.pairwise(history):
         if after.event not in ("added", "removed", "reweighted", "joined", "left"):
             assert after.score >= before.score - 1e-9 or after.detail == UNHEARD, after
-    settled = max(i for i, entry in enumerate(history) if entry.event == "adopted" or entry.detail)
+    settled = max(i for i, entry in enumerate(history) if entry.event == "adoption" or entry.detail)
     assert all(after.score >= before.score - 1e-9 for before, after in itertools.pairwise(history[settled:]))
 
 
@@ -94,7 +96,7 @@ def test_the_log_tells_what_became_of_what_a_leaver_owned() -> None:
     left = next(i for i, entry in enumerate(history) if entry.event == "left")
     assert history[left].agents == ("red",)
     assert history[left].score < history[left - 1].score
-    assert any(entry.event == "adopted" for entry in history[left:])
+    assert any(entry.event == "adoption" for entry in history[left:])
     removed = next(entry for entry in history if entry.event == "removed")
     assert removed.detail == "landmarks 0, 1, 8, 9"
 
@@ -190,9 +192,38 @@ def test_a_mission_without_changes_is_planned_as_ever() -> None:
     assert all(entry.detail == "" for entry in deployment.history)
 
 
-def test_changes_are_neither_flown_nor_watched() -> None:
-    mission = changing(REMOVE)
-    with pytest.raises(InputError, match="changes"):
-        fly(mission, vehicles="kinematic")
-    with pytest.raises(InputError, match="changes"):
-        plan(mission, watch=lambda update: None)
+def test_changes_are_not_flown() -> None:
+    with pytest.raises(InputError, match="only `covey plan` acts on them"):
+        fly(changing(REMOVE), vehicles="kinematic")
+
+
+def test_who_watches_is_told_of_every_change() -> None:
+    view, kinds, scenes = TeamView(), [], 0
+
+    def watch(item: Scene | Update) -> None:
+        nonlocal scenes
+        view.apply(item)
+        scenes += isinstance(item, Scene)
+        if isinstance(item, TeamChange):
+            kinds.append(item.kind)
+            assert item.score == pytest.approx(view.scores.sum())
+
+    mission = changing(*EVERYTHING)
+    deployment = plan(mission, watch=watch)
+    assert deployment.history == plan(mission).history
+    assert scenes == 3  # at the start, with landmarks more, with an agent more
+    assert kinds.count(ChangeKind.LANDMARKS) == 4
+    assert kinds.count(ChangeKind.JOINED) == kinds.count(ChangeKind.LEFT) == 1
+    assert ChangeKind.ADOPTION in kinds
+    assert view.score == pytest.approx(deployment.score.final)
+    assert view.scene is not None
+    names = [agent.name for agent in view.scene.agents]
+    gone = names.index("red")
+    assert view.health is not None
+    assert view.health.activity[gone] == Activity.GONE
+    assert not (view.owner == gone).any()
+    removed = view.weights == 0.0
+    assert removed.sum() == 5
+    for agent in deployment.agents:
+        here = view.scene.positions_W[view.owner == names.index(agent.name), :2]
+        assert np.array_equal(here, deployment.mission.landmarks.positions_W[agent.landmarks])
