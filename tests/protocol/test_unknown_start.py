@@ -12,6 +12,7 @@ from covey.faults import draw, run
 from covey.faults.table import TablePlanner, pose_at
 from covey.geometry import Pose2
 from covey.protocol import (
+    Catalogue,
     GoTo,
     LandmarkRecords,
     Links,
@@ -27,6 +28,7 @@ from covey.protocol import (
     Send,
     random_order,
 )
+from covey.protocol.catalogue import EMPTY
 from covey.protocol.records import GENERATION, OWNER
 
 RNG = np.random.default_rng(0)
@@ -136,11 +138,12 @@ def unknowing() -> type[Node]:
             options: NodeOptions | None = None,
             links: Links | None = None,
             avoid: tuple[Pose2, ...] = (),
+            catalogue: Catalogue = EMPTY,
             assigned: NDArray[np.int64] | None = None,
         ) -> None:
             if incarnation == 1:
                 first.append(records.values[:, OWNER].copy())
-                records = LandmarkRecords.unknown(len(records))
+                records = LandmarkRecords.unknown(records.first)
             super().__init__(
                 agent,
                 team,
@@ -152,6 +155,7 @@ def unknowing() -> type[Node]:
                 options=options,
                 links=links,
                 avoid=avoid,
+                catalogue=catalogue,
                 assigned=first[0],
             )
 

@@ -58,9 +58,15 @@ def playground(
 
     loaded = load_mission(mission, seed=seed)
 
+    from covey.runtime.airspace import check_processes
+    from covey.runtime.live_team import check_playable
     from covey.runtime.steering import Steering
 
     observes = bool(connect or network)
+    if observes:
+        check_processes(loaded)
+    else:
+        check_playable(loaded)
     steering = None if observes else Steering(speed=speed)
     with (
         serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(loaded)) as server,

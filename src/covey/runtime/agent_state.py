@@ -3,7 +3,7 @@
 ::
 
     DIR/agent-<number>/incarnation   the number of the newest life, raised and synced before the network is joined
-    DIR/agent-<number>/memory        the newest map, the pose of the vehicle and poses it could not reach
+    DIR/agent-<number>/memory        the newest map and changes, the pose of the vehicle and poses it could not reach
 
 A file is written beside its place, synced and renamed, so that it is whole or absent whenever the power fails.
 """
@@ -132,7 +132,7 @@ class AgentDirectory:
 
     def _encode(self, sender: Sender, memory: Memory, pose: Pose2) -> bytes:
         message = self._codec.encode(
-            Map(sender, memory.records.known(), memory.poses.as_mapping()), sender=sender, number=0
+            Map(sender, memory.records.known(), memory.poses.as_mapping(), memory.catalogue), sender=sender, number=0
         )
         head = json.dumps({"pose": _numbers(pose), "avoid": [_numbers(avoided) for avoided in memory.avoid]})
         data = b"".join((MAGIC, head.encode(), b"\n", message))
@@ -150,9 +150,10 @@ class AgentDirectory:
         poses = PoseRecords(envelope.content.poses)
         if self._agent not in poses:
             raise ValueError("expected the agent's own pose")
-        records = LandmarkRecords.unknown(self._codec.landmarks)
+        records = LandmarkRecords.unknown(self._codec.first_landmarks)
         records.merge(envelope.content.records)
-        memory = Memory(records, poses, tuple(_pose(avoided) for avoided in facts["avoid"]))
+        avoid = tuple(_pose(avoided) for avoided in facts["avoid"])
+        memory = Memory(records, poses, avoid, envelope.content.catalogue)
         return Remembered(memory, _pose(facts["pose"]))
 
     def _write(self, path: Path, data: bytes) -> None:

@@ -43,6 +43,19 @@ MOST_LOSS = 0.95
 """With more nobody would hear of anybody."""
 
 
+def check_playable(mission: Mission) -> None:
+    """Check that a mission can be played with.
+
+    Raises
+    ------
+    InputError
+        If it has changes.
+    """
+    if mission.changes:
+        where = mission.path or mission.name
+        raise InputError(f"{where}: changes: only `covey plan` acts on them; leave the key out to play")
+
+
 class LiveTeam(Team):
     """A team whose agents can die and come back, on a bus that may lose messages.
 
@@ -68,10 +81,7 @@ class LiveTeam(Team):
     """
 
     def __init__(self, mission: Mission, *, watch: Watcher, steering: Steering) -> None:
-        if mission.changes:
-            raise InputError(
-                f"{mission.path or mission.name}: changes: only `covey plan` acts on them; leave the key out to play"
-            )
+        check_playable(mission)
         coverage = mission.coverage
         models = build_models(mission)
         planner = TeamPlanner(mission, models, trade=coverage.trade, optimizer=coverage.optimizer, seed=mission.seed)

@@ -283,12 +283,14 @@ class Codec:
     ) -> None:
         if len(digest) != DIGEST_BYTES:
             raise ArgumentError(f"digest: expected {DIGEST_BYTES} bytes, got {len(digest)}")
-        agents, landmarks = agents + more_agents, landmarks + more_landmarks
+        first, agents, landmarks = landmarks, agents + more_agents, landmarks + more_landmarks
         for name, value in (("agents", agents), ("landmarks", landmarks), ("max_bytes", max_bytes)):
             if not 0 <= value <= LARGEST:
                 raise ArgumentError(f"{name}: expected a number in [0, 2^63), got {value}")
         self.digest = digest
         self.agents, self.landmarks, self.max_bytes = agents, landmarks, max_bytes
+        self.first_landmarks = first
+        """How many landmarks the mission began with; `landmarks` counts those as well that may be added."""
 
     def encode(self, content: Content, *, sender: Sender, to: int = EVERYBODY, number: int) -> bytes:
         """Return a message or an event as bytes.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from covey.errors import OutputError
 from covey.geometry import Pose2
-from covey.protocol import LandmarkRecords, Memory, PoseRecords, Sender
+from covey.protocol import AgentChange, Catalogue, LandmarkChange, LandmarkRecords, Memory, PoseRecords, Sender
 from covey.runtime.agent_state import AgentDirectory, await_life, first_life
 from covey.transports.codec import Codec
 
@@ -54,6 +54,27 @@ def test_what_is_kept_is_recalled(tmp_path: Path, known: int) -> None:
     assert found.memory.avoid == memory().avoid
     assert said == []
     assert sorted(path.name for path in (tmp_path / "deep" / "er" / "agent-1").iterdir()) == ["memory"]
+
+
+@pytest.mark.parametrize("added", [0, 2])
+def test_a_memory_has_the_landmarks_that_there_are_and_not_those_that_may_come(tmp_path: Path, added: int) -> None:
+    said: list[str] = []
+    codec = Codec(bytes(range(16)), agents=3, landmarks=6, more_agents=10, more_landmarks=1000)
+    changed = memory()
+    landmarks = {6 + k: LandmarkChange(1 + k, True, 2.0, 0.5, float(k)) for k in range(added)}
+    if added:
+        landmarks[4] = LandmarkChange(9, False, 0.0, 1.0, 1.0)
+        changed.records.grow(6 + added)
+        changed.records.merge(changed.records.slice(np.array([6])).adopted_by(1, 7))
+    catalogue = Catalogue(landmarks, {2: AgentChange(5, False)} if added else {})
+    directory = open_directory(tmp_path, said, codec)
+    directory.keep(SENDER, Memory(changed.records, changed.poses, changed.avoid, catalogue), POSE)
+    found = directory.recall()
+    assert found is not None
+    assert said == []
+    assert found.memory.catalogue == catalogue
+    assert found.memory.records.first == 6
+    assert np.array_equal(found.memory.records.values, changed.records.values[: 7 if added else 6])
 
 
 @given(place=st.integers(0, 10_000), flip=st.integers(1, 255))

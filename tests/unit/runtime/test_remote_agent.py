@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +16,7 @@ from covey.errors import ArgumentError, Drop
 from covey.mission import Mission
 from covey.protocol import AgentBuried, AgentState, Event, MembershipOptions, Node, Sender, TradeCommitted
 from covey.runtime.agent import TeamPlanner, build_models
+from covey.runtime.agent_state import AgentDirectory
 from covey.runtime.prover import Prover
 from covey.runtime.remote_agent import RemoteAgent, build_node, join_mission, mission_codec
 from covey.runtime.streams import Stream, generator
@@ -165,6 +167,21 @@ def test_a_newer_life_of_an_agent_ends_the_older(mission: Mission) -> None:
             assert not agent.run(timeout=60.0)
             assert agent.superseded
             assert not new.superseded
+
+
+def test_a_life_that_remembers_takes_over_what_there_is(mission: Mission, tmp_path: Path) -> None:
+    rng, said = np.random.default_rng(0), list[str]()
+    directory = AgentDirectory(tmp_path, 0, mission_codec(mission), said.append)
+    first = build_node(mission, 0, planner_of(mission), incarnation=1)
+    directory.keep(first.sender, first.memory(), first.pose)
+    found = directory.recall()
+    assert found is not None
+    assert said == []
+    node = build_node(mission, 0, planner_of(mission), incarnation=2, memory=found.memory)
+    node.start(0.0, rng)
+    for other in range(1, len(mission.agents)):
+        node.bury(0.0, other)
+    assert node.landmarks.tolist() == list(range(len(mission.landmarks)))
 
 
 def test_the_transport_must_be_the_agents_own(mission: Mission) -> None:
