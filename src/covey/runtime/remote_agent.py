@@ -59,9 +59,6 @@ SLEPT = 0.25
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
 
-MOST_JOINING, MOST_ADDED = 1000, 100_000
-"""How many agents may join a mission that runs, and how many landmarks may be added to it."""
-
 
 class RemoteAgent:
     """Drives one node over a transport in real time.
@@ -320,13 +317,7 @@ class RemoteAgent:
 
 def mission_codec(mission: Mission) -> Codec:
     """Return the codec of a mission, which tells its messages from those of any other."""
-    return Codec(
-        mission_digest(mission),
-        agents=len(mission.agents),
-        landmarks=len(mission.landmarks),
-        more_agents=MOST_JOINING,
-        more_landmarks=MOST_ADDED,
-    )
+    return Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
 
 
 def build_planner(mission: Mission) -> TeamPlanner:
