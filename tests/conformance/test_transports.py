@@ -95,7 +95,9 @@ def simulated_network(seed: int, *, loss: float = 0.0, duplicates: float = 0.0) 
     """Return the network of a fault simulator in which nothing happens but these faults."""
 
     def connect(agents: Sequence[int]) -> tuple[Sequence[Transport], Callable[[], None]]:
-        calm = replace(draw(seed), mode=Mode.SAFETY, agents=max(agents) + 1, faults=(), proofs=0.0, calm_after=math.inf)
+        calm = replace(
+            draw(seed), mode=Mode.SAFETY, agents=max(agents) + 1, faults=(), changes=(), proofs=0.0, calm_after=math.inf
+        )
         simulation = Simulation(replace(calm, loss=loss, duplicates=duplicates), Mailbox, traced=False)
         for node in simulation.nodes.values():
             assert isinstance(node, Mailbox)

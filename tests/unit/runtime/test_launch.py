@@ -26,6 +26,7 @@ from covey.cli.main import main
 from covey.errors import NetworkError
 from covey.mission import Mission, load_mission, mission_digest
 from covey.protocol import Heartbeat, PoseRecord, Sender
+from covey.runtime import launch as launching
 from covey.runtime.certify import certify
 from covey.runtime.launch import Blow, LaunchOptions, LaunchReport, launch
 from covey.runtime.network_file import NetworkPlan, load_network
@@ -83,8 +84,11 @@ def test_a_team_of_processes_plans_a_mission(path: Path) -> None:
     assert len(observers) == 1
 
 
-def test_who_dies_is_replaced_and_comes_back_with_its_memory(path: Path, tmp_path: Path) -> None:
-    blows = (Blow(1, 0.5), Blow(0, 6.0))
+def test_who_dies_is_replaced_and_comes_back_with_its_memory(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launching, "RESTART_AFTER", 1.5 * NETWORK_TIMES.dead_after)  # others adopt before it is back
+    blows = (Blow(1, 0.5), Blow(0, 12.0))
     options = LaunchOptions(restart=True, blows=blows, state=tmp_path / "state", timeout=LONGEST)
     deployment, report = launch(load_mission(path), path, options)
     check(deployment, report)

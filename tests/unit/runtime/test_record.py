@@ -60,7 +60,7 @@ def test_keys_of_the_result(make_deployment: MakeDeployment) -> None:
     assert {"name", "pose", "score", "landmarks"} <= set(data["agents"][0])
     assert set(data["agents"][0]["pose"]) == {"x_m", "y_m", "yaw_deg"}
     assert {"positions_m", "weights"} <= set(data["landmarks"])
-    assert {"holds", "sigma", "worst_pose_gap", "worst_trade_gain", "violations"} == set(data["certificate"])
+    assert {"holds", "sigma", "links", "worst_pose_gap", "worst_trade_gain", "violations"} == set(data["certificate"])
     assert {"team_upper_bound", "gap"} == set(data["bound"])
     assert {"greedy", "greedy_lloyd"} == set(data["baseline"])
     assert len(data["score_history"]) == len(data["score_events"])
