@@ -137,9 +137,10 @@ def plan(
 
 def _plan(mission: Mission, interruption: Interruption, *, quiet: bool, **options: Any) -> Deployment:
     from covey.cli.progress import ProgressLine
-    from covey.runtime.plan import plan as plan_mission
+    from covey.runtime.first_use import compiling_beside
 
-    with ProgressLine(quiet=quiet) as progress:
+    with ProgressLine(quiet=quiet) as progress, compiling_beside():
+        from covey.runtime.plan import plan as plan_mission
 
         def report(news: Progress) -> None:
             interruption.check()
