@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from covey.errors import InputError
-from covey.mission import Mission
+from covey.mission import ChangeSpec, Mission
 from covey.protocol import (
     AgentBuried,
     Event,
@@ -19,10 +21,11 @@ from covey.protocol import (
 )
 from covey.protocol.records import OWNER
 from covey.runtime.agent import TeamPlanner, build_models, nearest_first
+from covey.runtime.changing import catalogue_of
 from covey.runtime.feed import Run, Watcher
 from covey.runtime.plan import software_versions
-from covey.runtime.result import Progress
-from covey.runtime.steering import Kill, Request, Revive, SetLoss, Steering
+from covey.runtime.result import HistoryEntry, Progress
+from covey.runtime.steering import Kill, Request, Revive, SetLoss, SetWeight, Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team
 from covey.runtime.telling import TeamTeller, describe
@@ -90,7 +93,7 @@ class LiveTeam(Team):
         self._lives = [1] * len(self.nodes)
         self._steering = steering
         steering.measure(lambda: self.bus.now, 0.1)
-        steering.offer(Kill, Revive, SetLoss)
+        steering.offer(Kill, Revive, SetLoss, SetWeight)
         scene = describe(mission, models, run=Run.NETWORK, software=software_versions())
         self._teller = TeamTeller(watch, self, scene)
 
@@ -160,6 +163,19 @@ class LiveTeam(Team):
         self._act(agent, self.bus.start(agent))
         self._log("return", (agent,))
 
+    def weigh(self, landmark: int, weight: float) -> None:
+        """Let a landmark be worth something else; all that live hear of it at once, whatever the bus loses."""
+        change = ChangeSpec(reweight={landmark: weight})
+        news = catalogue_of(change, self.planner, [agent.name for agent in self.mission.agents])
+        self.planner.learn(news.catalogue)
+        self.mission = replace(self.mission, landmarks=self.planner.landmarks)
+        self.rescore()
+        self.history.append(HistoryEntry(news.event, (), self.score, news.detail))
+        self._teller.reshaped(news.event, (), np.array([landmark], dtype=np.int64), news.detail)
+        for agent, node in enumerate(self.nodes):
+            if agent not in self.dead:
+                self._act(agent, self.bus.apply(agent, node.change(self.bus.now, news.catalogue)))
+
     def _grant(self, request: Request) -> None:
         """Do what a visitor asks for, or say why not."""
         match request.command:
@@ -175,6 +191,13 @@ class LiveTeam(Team):
                     request.refuse("agent: expected one that was killed")
                 else:
                     self.revive(agent)
+            case SetWeight(landmark, weight):
+                if not 0 <= landmark < len(self.mission.landmarks):
+                    request.refuse(f"landmark: expected one of {len(self.mission.landmarks)}, got {landmark}")
+                elif not (math.isfinite(weight) and weight >= 0.0):
+                    request.refuse(f"weight: expected a finite number from 0 on, got {weight:g}")
+                else:
+                    self.weigh(landmark, weight)
             case SetLoss(loss):
                 if not 0.0 <= loss <= MOST_LOSS:
                     request.refuse(f"loss: expected 0 to {MOST_LOSS}, got {loss:g}")

@@ -158,7 +158,7 @@ def test_a_team_to_play_with(mission: Path) -> None:
         code, err = watched.end()
     assert (code, err.count("Traceback")) == (0, 0)
     hello = [message for message in messages if message["type"] == "Hello"][-1]
-    assert hello["commands"] == ["pause", "resume", "step", "speed", "kill", "revive", "loss"]
+    assert hello["commands"] == ["pause", "resume", "step", "speed", "kill", "revive", "weight", "loss"]
     refused = next(message for message in messages if message["type"] == "Refused")
     assert refused["text"] == "agent: expected one that lives"
     assert list(mission.parent.iterdir()) == [mission]

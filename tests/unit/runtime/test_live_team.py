@@ -11,7 +11,7 @@ import pytest
 from covey.mission import Mission, parse_mission
 from covey.runtime.feed import Activity, ChangeKind, Ended, Health, Note, Scene, TeamChange, Update
 from covey.runtime.live_team import MOST_LOSS, LiveTeam
-from covey.runtime.steering import Command, Kill, Revive, SetLoss, Steering
+from covey.runtime.steering import Command, Kill, Revive, SetLoss, SetWeight, Steering
 from covey.runtime.view import TeamView
 
 
@@ -81,7 +81,7 @@ def test_the_team_settles_as_told() -> None:
     for agent, node in enumerate(play.team.nodes):
         np.testing.assert_array_equal(node.landmarks, np.flatnonzero(play.view.owner == agent))
     assert set(play.view.activity) == {Activity.QUIESCENT}
-    assert play.steering.commands == ("pause", "resume", "step", "speed", "kill", "revive", "loss")
+    assert play.steering.commands == ("pause", "resume", "step", "speed", "kill", "revive", "weight", "loss")
 
 
 def test_landmarks_of_the_killed_are_adopted_and_traded_back() -> None:
@@ -116,6 +116,22 @@ def test_a_lossy_bus_only_slows_the_team_down() -> None:
     assert play.told[-1].status == "settled"
 
 
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_a_landmark_that_is_worth_more_draws_its_owner(loss: float) -> None:
+    play = Play()
+    play.steering.ask(SetLoss(loss), play.refused.append)
+    play.run(Kill(2), SetWeight(0, 40.0), Revive(2), SetWeight(35, 0.0))
+    assert play.refused == []
+    assert play.view.weights[[0, 1, 35]].tolist() == [40.0, 1.0, 0.0]
+    np.testing.assert_array_equal(play.view.weights, play.team.planner.weights)
+    np.testing.assert_allclose(play.view.scores, play.team.scores)
+    assert play.kinds().count(ChangeKind.LANDMARKS) == 2
+    owner = play.team.owner[0]
+    assert play.team.planner.visibility(owner, play.team.poses[owner])[0] > 0.9
+    for node in play.team.nodes:  # the one that was dead meanwhile has heard of it as well
+        assert node.catalogue.digest == play.team.planner.catalogue.digest
+
+
 @pytest.mark.parametrize(
     ("command", "reason"),
     [
@@ -124,6 +140,9 @@ def test_a_lossy_bus_only_slows_the_team_down() -> None:
         (Revive(0), "expected one that was killed"),
         (SetLoss(1.0), f"expected 0 to {MOST_LOSS}"),
         (SetLoss(-0.1), "expected 0 to"),
+        (SetWeight(36, 1.0), "expected one of 36"),
+        (SetWeight(0, -1.0), "expected a finite number"),
+        (SetWeight(0, float("nan")), "expected a finite number"),
     ],
 )
 def test_what_cannot_be_done_is_refused(command: Command, reason: str) -> None:
