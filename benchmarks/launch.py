@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from covey.mission import load_mission
-from covey.runtime.launch import LaunchOptions, launch
+from covey.runtime.network.launch import LaunchOptions, launch
 from covey.runtime.plan import plan
 
 MISSION = Path(__file__).parents[1] / "examples" / "eight-agents.yaml"

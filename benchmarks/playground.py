@@ -26,7 +26,7 @@ from covey.playground.client import Visitor
 from covey.playground.messages import Steered
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import Scene, Update
+from covey.runtime.watching.feed import Scene, Update
 
 Feed = list[Scene | Update]
 

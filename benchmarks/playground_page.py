@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, Page, WebSocketRoute, sync_playwright
 from covey.playground.messages import Hello, encode
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import Ended, Motion, Scene
+from covey.runtime.watching.feed import Ended, Motion, Scene
 
 ARGUMENTS = ["--no-sandbox", "--disable-gpu"]
 RATE = 30.0

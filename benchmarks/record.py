@@ -17,11 +17,11 @@ import numpy as np
 
 from covey.mission import load_mission
 from covey.runtime.agent import build_models
-from covey.runtime.feed import POSE, Motion, Run, Scene, TeamState, Update
 from covey.runtime.fly import fly
-from covey.runtime.mcap_reader import Record
-from covey.runtime.mcap_record import Recorder, RecordFile
-from covey.runtime.telling import MOTION_EVERY, describe, pose_rows
+from covey.runtime.records.mcap_reader import Record
+from covey.runtime.records.mcap_record import Recorder, RecordFile
+from covey.runtime.watching.feed import POSE, Motion, Run, Scene, TeamState, Update
+from covey.runtime.watching.telling import MOTION_EVERY, describe, pose_rows
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TEN_MINUTES = 600.0

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page
 
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import NOBODY, Scene, TeamChange, Trading, Update
-from covey.runtime.palette import rgb
-from covey.runtime.view import TeamView
+from covey.runtime.drawing.palette import rgb
+from covey.runtime.watching.feed import NOBODY, Scene, TeamChange, Trading, Update
+from covey.runtime.watching.view import TeamView
 
 Feed: TypeAlias = Sequence[Scene | Update]
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from covey.runtime.flight import Flight
     from covey.runtime.fly import fly
     from covey.runtime.plan import plan
-    from covey.runtime.record import read_result
+    from covey.runtime.records.record import read_result
     from covey.runtime.result import Deployment, Progress
     from covey.sensing.base import VisibilityModel
     from covey.vehicles.flight_log import FlightLog
@@ -81,7 +81,7 @@ _HOMES = {
     "mission_schema": "covey.mission",
     "parse_mission": "covey.mission",
     "plan": "covey.runtime.plan",
-    "read_result": "covey.runtime.record",
+    "read_result": "covey.runtime.records.record",
 }
 """Where each public name lives; it is imported when it is first used."""
 

@@ -16,8 +16,8 @@ from covey.mission import load_mission
 from covey.playground.offline import feed_bytes
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import Scene, Update
 from covey.runtime.plan import plan
+from covey.runtime.watching.feed import Scene, Update
 
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
 """As root in a container, without a graphics card, with WebGL in software."""

@@ -13,9 +13,9 @@ from tests.browsing import Feed, Shown
 from covey.mission import load_mission
 from covey.playground.offline import feed_bytes
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import Scene, Trading, Update
 from covey.runtime.fly import fly
 from covey.runtime.plan import plan
+from covey.runtime.watching.feed import Scene, Trading, Update
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"

@@ -14,11 +14,11 @@ from tests.browsing import WHITE, Serve, Shown, expected_cells
 from covey.mission import Mission, load_mission
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
-from covey.runtime.feed import Activity, Scene, Update
 from covey.runtime.live_team import LiveTeam
 from covey.runtime.plan import plan
-from covey.runtime.steering import AddObstacle, Kill, Pause, Revive, SetLoss, SetWeight, Steering
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Activity, Scene, Update
+from covey.runtime.watching.steering import AddObstacle, Kill, Pause, Revive, SetLoss, SetWeight, Steering
+from covey.runtime.watching.view import TeamView
 
 Show = Callable[..., Shown]
 

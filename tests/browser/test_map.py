@@ -11,8 +11,8 @@ from tests.browsing import WHITE, Feed, Serve, Shown, expected_cells, views_by_e
 
 from covey.playground.offline import feed_bytes
 from covey.playground.sample import sample_feed
-from covey.runtime.feed import Scene, TeamChange, Trading
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Scene, TeamChange, Trading
+from covey.runtime.watching.view import TeamView
 
 Show = Callable[..., Shown]
 

@@ -12,8 +12,8 @@ from tests.browsing import Feed, Serve, Shown, expected_cells, views_by_event
 
 from covey.playground.offline import feed_bytes, offline_page
 from covey.playground.server import STATIC
-from covey.runtime.feed import Scene, TeamChange
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Scene, TeamChange
+from covey.runtime.watching.view import TeamView
 
 Show = Callable[..., Shown]
 

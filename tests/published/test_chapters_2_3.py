@@ -1,8 +1,8 @@
 """Chapters 2 and 3 of the thesis: Figures 2.2 to 2.9 (p. 22), 3.1 and 3.2 (p. 30), 3.3 and 3.4 (p. 32), sections 2.3.2
 (p. 23), 3.4.2 and 3.4.3 (p. 35).
 
-`covey.runtime.flight_findings` has one sentence for each thing that the thesis shows and what it asks of a flight. Each
-is flown by the thesis's model and in the reference simulator, those with more than one body in MuJoCo too.
+`covey.runtime.reproduce.findings` has one sentence for each thing that the thesis shows and what it asks of a flight.
+Each is flown by the thesis's model and in the reference simulator, those with more than one body in MuJoCo too.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from covey.flight.parameters import load_vehicle
 from covey.flight.trajectories import Circle, Follow, Hold
 from covey.mission.exercise import Goal, parse_exercise
 from covey.runtime.exercise import fly_exercise
-from covey.runtime.flight_findings import STATEMENTS, Run, Statement, agrees, predicted_lag
-from covey.runtime.flight_scenes import SCENES, scene
-from covey.runtime.reproduce_flight import ideal_run
+from covey.runtime.reproduce.findings import STATEMENTS, Run, Statement, agrees, predicted_lag
+from covey.runtime.reproduce.flights import ideal_run
+from covey.runtime.reproduce.scenes import SCENES, scene
 from covey.simulators.ideal import fly_ideal
 
 REST = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0]

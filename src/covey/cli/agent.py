@@ -79,9 +79,9 @@ def agent(
     """
     from covey.errors import ArgumentError, InputError
     from covey.mission import load_mission
-    from covey.runtime.agent_process import AgentSettings, Ending, run_agent
     from covey.runtime.airspace import check_processes
-    from covey.runtime.network_file import NetworkPlan, load_network
+    from covey.runtime.network.agent_process import AgentSettings, Ending, run_agent
+    from covey.runtime.network.network_file import NetworkPlan, load_network
 
     loaded = load_mission(mission, seed=seed)
     check_processes(loaded)

@@ -36,8 +36,8 @@ def certify(
     from covey.cli.progress import ProgressLine
     from covey.cli.summary import bound_line, certificate_line, link_lines, printable
     from covey.errors import ResultError, SolverError
-    from covey.runtime.document import bound_document, certificate_document, to_text
-    from covey.runtime.record import read_result
+    from covey.runtime.records.document import bound_document, certificate_document, to_text
+    from covey.runtime.records.record import read_result
 
     deployment = read_result(directory)
 

@@ -37,8 +37,8 @@ def fly_exercise_file(
 
     from covey.cli.progress import ProgressLine
     from covey.runtime.exercise import fly_exercise
-    from covey.runtime.record import default_directory
-    from covey.runtime.sortie_record import check_exercise_target, exercise_text, film_exercise, write_exercise
+    from covey.runtime.records.record import default_directory
+    from covey.runtime.records.sortie_record import check_exercise_target, exercise_text, film_exercise, write_exercise
 
     target = default_directory(exercise.name, exercise.seed) if out is None else out
     check_exercise_target(target, overwrite=force)
@@ -71,7 +71,7 @@ def fly_exercise_file(
 
 def _show(result: ExerciseResult, target: Path) -> None:
     from covey.cli.summary import factor_text, length_text, printable
-    from covey.runtime.record import FLIGHT_FILES, RESULT
+    from covey.runtime.records.record import FLIGHT_FILES, RESULT
 
     summary = result.summary
     least = summary["min_separation_m"]

@@ -42,10 +42,10 @@ def figures(
       covey figures covey-out/scene-flown-7 --out figures --width-mm 180 --kind score,separation --format pdf,png
     """
     from covey.errors import ArgumentError
-    from covey.runtime.figures import save_figure
-    from covey.runtime.mcap_reader import Record
-    from covey.runtime.output import check_target, staged
-    from covey.runtime.record_figures import Kind, Story, record_figure
+    from covey.runtime.drawing.figures import save_figure
+    from covey.runtime.drawing.record_figures import Kind, Story, record_figure
+    from covey.runtime.records.mcap_reader import Record
+    from covey.runtime.records.output import check_target, staged
 
     known = tuple(choice.value for choice in Kind)
     wanted = None if kind is None else [Kind(name) for name in _choices("--kind", kind, known)]

@@ -101,8 +101,8 @@ def fly(
     from covey.cli.progress import ProgressLine
     from covey.cli.recording import Recording
     from covey.runtime.fly import fly as fly_mission
-    from covey.runtime.record import check_result_target, default_directory, result_text
-    from covey.runtime.sortie_record import film_flight, write_flight
+    from covey.runtime.records.record import check_result_target, default_directory, result_text
+    from covey.runtime.records.sortie_record import film_flight, write_flight
 
     target = default_directory(f"{loaded.name}-flown", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)

@@ -33,7 +33,7 @@ def heatmap(
       covey heatmap --model oriented --optimal-distance-m 2 --out oriented.pdf
     """
     from covey.mission import SensorSpec
-    from covey.runtime.reproduce import draw_heatmap
+    from covey.runtime.reproduce.mission import draw_heatmap
 
     if optimal_distance_m is not None and not 0.0 < optimal_distance_m <= LONGEST:
         raise typer.BadParameter(

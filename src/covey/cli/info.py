@@ -11,7 +11,7 @@ import typer
 from covey.cli.arguments import named_path
 
 if TYPE_CHECKING:
-    from covey.runtime.mcap_reader import Record
+    from covey.runtime.records.mcap_reader import Record
 
 LISTED = 16
 """How many agents are listed."""
@@ -35,7 +35,7 @@ def info(
 
       covey info covey-out/scene-7.partial.mcap --json
     """
-    from covey.runtime.mcap_reader import Record
+    from covey.runtime.records.mcap_reader import Record
 
     with Record(record) as opened:
         found = summarize(opened)
@@ -47,8 +47,8 @@ def info(
 
 def summarize(record: Record) -> dict[str, Any]:
     """Return what `covey info` prints, as plain data; the record is read to its end."""
-    from covey.runtime.feed import BoundFound, Ended, Scene, TeamChange, TeamState
-    from covey.runtime.view import TeamView
+    from covey.runtime.watching.feed import BoundFound, Ended, Scene, TeamChange, TeamState
+    from covey.runtime.watching.view import TeamView
 
     view = TeamView()
     initial: float | None = None

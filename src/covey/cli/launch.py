@@ -14,8 +14,8 @@ from covey.cli.view import Host, Open, Port, View, live
 
 if TYPE_CHECKING:
     from covey.mission import Mission
-    from covey.runtime.launch import Blow, LaunchReport
-    from covey.runtime.observer import Observer
+    from covey.runtime.network.launch import Blow, LaunchReport
+    from covey.runtime.network.observer import Observer
     from covey.runtime.result import Deployment
 
 VIOLATED = 1
@@ -97,10 +97,10 @@ def launch(
 
     from covey.cli.progress import ProgressLine
     from covey.cli.recording import Recording
-    from covey.runtime import launch as launching
-    from covey.runtime.network_file import NetworkPlan, load_network
-    from covey.runtime.network_telling import NetworkTeller
-    from covey.runtime.record import check_result_target, default_directory, write_result
+    from covey.runtime.network import launch as launching
+    from covey.runtime.network.network_file import NetworkPlan, load_network
+    from covey.runtime.network.network_telling import NetworkTeller
+    from covey.runtime.records.record import check_result_target, default_directory, write_result
     from covey.runtime.result import Progress
 
     plan = NetworkPlan() if network is None else load_network(network, loaded)
@@ -163,7 +163,7 @@ def launch(
             except OutputError as error:  # what was found must not be lost with it
                 failure = recording.lost(error)
         if json:
-            from covey.runtime.record import result_text
+            from covey.runtime.records.record import result_text
 
             typer.echo(result_text(deployment, target), nl=False)
         elif not quiet:
@@ -180,7 +180,7 @@ def launch(
 
 def _kill(text: str, mission: Mission) -> Blow:
     from covey.errors import InputError
-    from covey.runtime.launch import Blow
+    from covey.runtime.network.launch import Blow
 
     name, _, when = text.rpartition("@")
     names = [agent.name for agent in mission.agents]

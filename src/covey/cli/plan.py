@@ -85,7 +85,7 @@ def plan(
     loaded = load_mission(mission, seed=seed)
 
     from covey.cli.recording import Recording
-    from covey.runtime.record import check_result_target, default_directory, write_result
+    from covey.runtime.records.record import check_result_target, default_directory, write_result
 
     target = default_directory(loaded.name, loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
@@ -150,13 +150,13 @@ def _plan(mission: Mission, interruption: Interruption, *, quiet: bool, **option
 
 
 def _import_figures() -> None:
-    for name in ("covey.runtime.figures", "matplotlib.backends.backend_pdf"):
+    for name in ("covey.runtime.drawing.figures", "matplotlib.backends.backend_pdf"):
         importlib.import_module(name)
 
 
 def _show(deployment: Deployment, target: Path, *, json: bool, quiet: bool, written: bool) -> None:
     if json:
-        from covey.runtime.record import result_text
+        from covey.runtime.records.record import result_text
 
         typer.echo(result_text(deployment, target), nl=False)
     elif not quiet:

@@ -14,9 +14,9 @@ from covey.cli.view import Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
     from covey.mission import Mission
-    from covey.runtime.feed import Watcher
     from covey.runtime.result import Progress
-    from covey.runtime.steering import Steering
+    from covey.runtime.watching.feed import Watcher
+    from covey.runtime.watching.steering import Steering
 
 LISTEN = 0.05
 """How long to listen to the network at a time, seconds."""
@@ -60,7 +60,7 @@ def playground(
 
     from covey.runtime.airspace import check_processes
     from covey.runtime.live_team import check_playable
-    from covey.runtime.steering import Steering
+    from covey.runtime.watching.steering import Steering
 
     observes = bool(connect or network)
     if observes:
@@ -91,10 +91,10 @@ def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: In
 def _observe(
     mission: Mission, connect: list[str], network: Path | None, watch: Watcher, interruption: Interruption
 ) -> None:
-    from covey.runtime.network_file import OBSERVER, NetworkPlan, load_network
-    from covey.runtime.network_telling import NetworkTeller
-    from covey.runtime.observer import Observer
-    from covey.runtime.remote_agent import mission_codec
+    from covey.runtime.network.network_file import OBSERVER, NetworkPlan, load_network
+    from covey.runtime.network.network_telling import NetworkTeller
+    from covey.runtime.network.observer import Observer
+    from covey.runtime.network.remote_agent import mission_codec
     from covey.transports.zenoh import ZenohObserver
 
     plan = NetworkPlan() if network is None else load_network(network, mission)

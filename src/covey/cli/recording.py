@@ -8,8 +8,8 @@ from types import TracebackType
 import typer
 
 from covey.errors import OutputError
-from covey.runtime.mcap_record import Recorder, partial_path
-from covey.runtime.record import RECORD
+from covey.runtime.records.mcap_record import Recorder, partial_path
+from covey.runtime.records.record import RECORD
 
 
 class Recording:

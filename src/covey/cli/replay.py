@@ -13,7 +13,7 @@ from covey.cli.interrupt import Interruption
 from covey.cli.view import Host, Open, Port, serve_page, wait_until
 
 if TYPE_CHECKING:
-    from covey.runtime.mcap_reader import Record
+    from covey.runtime.records.mcap_reader import Record
 
 
 def replay(
@@ -54,7 +54,7 @@ def replay(
       covey replay record.mcap --video flight.mp4 --speed 4
     """
     from covey.errors import OutputError
-    from covey.runtime.mcap_reader import Record
+    from covey.runtime.records.mcap_reader import Record
 
     for target in (html, video):
         if target is not None and os.path.lexists(target) and not force:
@@ -80,7 +80,7 @@ def replay(
 
 def _write_html(record: Record, target: Path) -> None:
     from covey.playground.offline import feed_bytes, offline_page
-    from covey.runtime.output import staged
+    from covey.runtime.records.output import staged
 
     page = offline_page(feed_bytes(record.items()))
     with staged(target.parent, [target.name]) as folder:
@@ -90,7 +90,7 @@ def _write_html(record: Record, target: Path) -> None:
 
 def _write_video(record: Record, target: Path, *, speed: float | None, quiet: bool) -> None:
     from covey.cli.progress import ProgressLine
-    from covey.runtime.record_film import write_record_film
+    from covey.runtime.drawing.record_film import write_record_film
     from covey.runtime.result import Progress
 
     with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:

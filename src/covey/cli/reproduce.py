@@ -44,7 +44,7 @@ def reproduce(
       covey reproduce thesis-flight
     """
     from covey.cli.progress import ProgressLine
-    from covey.runtime.record import default_directory
+    from covey.runtime.records.record import default_directory
 
     number = seeds if what == "thesis-5.1" else 1
     target = default_directory(f"reproduce-{what}", number) if out is None else out
@@ -56,11 +56,11 @@ def reproduce(
 
         try:
             if what == "thesis-5.1":
-                from covey.runtime.reproduce import reproduce_thesis, table_text
+                from covey.runtime.reproduce.mission import reproduce_thesis, table_text
 
                 text = table_text(reproduce_thesis(target, seeds=seeds, overwrite=force, on_progress=report))
             else:
-                from covey.runtime.reproduce_flight import findings_text, reproduce_flight
+                from covey.runtime.reproduce.flights import findings_text, reproduce_flight
 
                 text = findings_text(reproduce_flight(target, overwrite=force, on_progress=report))
         except KeyboardInterrupt:

@@ -16,9 +16,9 @@ from rich.text import Text
 
 from covey.coverage import TeamBound
 from covey.coverage.certificate import Certificate
-from covey.runtime.lattice import find_lattice
-from covey.runtime.palette import colours
-from covey.runtime.record import FILES
+from covey.runtime.drawing.lattice import find_lattice
+from covey.runtime.drawing.palette import colours
+from covey.runtime.records.record import FILES
 from covey.runtime.result import Baseline, Deployment, FlightReport
 from covey.vehicles.flight_log import TROUBLE
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from covey.mission import Mission
     from covey.playground.server import PlaygroundServer, SeenBy
-    from covey.runtime.feed import Scene, Update, Watcher
-    from covey.runtime.steering import Steering
+    from covey.runtime.watching.feed import Scene, Update, Watcher
+    from covey.runtime.watching.steering import Steering
 
 View: TypeAlias = Annotated[
     bool, typer.Option("--view", help="Show it live in the browser: the Playground.", rich_help_panel="Playground")
@@ -100,7 +100,8 @@ def live(
     host, port, open_page, speed
         The options.
     usual : float or None
-        The speed, if it is not said; see `covey.runtime.steering.SetSpeed`.  None for a run that nobody can steer.
+        The speed, if it is not said; see `covey.runtime.watching.steering.SetSpeed`.  None for a run that nobody can
+        steer.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def live(
         yield Live()
         return
 
-    from covey.runtime.steering import Steering
+    from covey.runtime.watching.steering import Steering
 
     steering = None if usual is None else Steering(speed=usual if speed is None else speed)
     with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(mission)) as server:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from covey.playground.client import Visitor
 from covey.playground.history import HistoryKeeper
 from covey.playground.messages import Message, Steered, encode
-from covey.runtime.feed import Health, Motion, ObstacleAppeared, Scene, SceneObstacle, Update
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Health, Motion, ObstacleAppeared, Scene, SceneObstacle, Update
+from covey.runtime.watching.view import TeamView
 
 MOST = 200
 """Changes between two frames; with more everybody is told the whole state instead."""
@@ -62,7 +62,7 @@ class Broadcast:
         return self._view.scene
 
     def pose(self, agent: int) -> NDArray[np.float64]:
-        """Return an agent's committed pose, see `covey.runtime.feed.POSE`."""
+        """Return an agent's committed pose, see `covey.runtime.watching.feed.POSE`."""
         with self._lock:
             return np.array(self._view.poses[agent])
 

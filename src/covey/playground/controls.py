@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from covey.errors import ArgumentError
 from covey.playground.messages import Asked, Refused, Steered
-from covey.runtime.steering import Steering
+from covey.runtime.watching.steering import Steering
 
 
 class Controls:

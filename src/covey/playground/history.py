@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from covey.playground.messages import History, PastChange
-from covey.runtime.feed import Scene, TeamChange, TeamState, Update
+from covey.runtime.watching.feed import Scene, TeamChange, TeamState, Update
 
 POINTS = 2000
 """Most points of the score curve; beyond it every other one is left out."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.errors import ArgumentError
-from covey.runtime.feed import ChangeKind, Scene, Update
-from covey.runtime.steering import COMMANDS, Command
+from covey.runtime.watching.feed import ChangeKind, Scene, Update
+from covey.runtime.watching.steering import COMMANDS, Command
 
 LONGEST = 4096
 """Characters of the longest frame that a visitor may send."""
@@ -58,7 +58,7 @@ class Steered:
     ----------
     paused : bool
     speed : float
-        See `covey.runtime.steering.SetSpeed`.
+        See `covey.runtime.watching.steering.SetSpeed`.
     loss : float
         Share of the messages that are lost.
     """
@@ -144,7 +144,7 @@ def encode(message: Message) -> str:
 
     Examples
     --------
-    >>> from covey.runtime.feed import BoundFound
+    >>> from covey.runtime.watching.feed import BoundFound
     >>> encode(BoundFound(1.5, float("inf")))
     '{"type":"BoundFound","time":1.5,"bound":null}'
     """

@@ -11,7 +11,7 @@ from pathlib import Path
 from covey.errors import OutputError
 from covey.playground.messages import encode
 from covey.playground.server import STATIC
-from covey.runtime.feed import Scene, Update
+from covey.runtime.watching.feed import Scene, Update
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' blob: data:; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -31,7 +31,7 @@ def feed_bytes(feed: Iterable[Scene | Update]) -> bytes:
     Parameters
     ----------
     feed : iterable of Scene or Update
-        As a run told it; see `covey.runtime.feed`.
+        As a run told it; see `covey.runtime.watching.feed`.
     """
     packed = io.BytesIO()
     with gzip.GzipFile(fileobj=packed, mode="wb", compresslevel=6, mtime=0) as lines:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.playground.messages import encode
-from covey.runtime.feed import (
+from covey.runtime.drawing.palette import colours
+from covey.runtime.watching.feed import (
     NOBODY,
     Activity,
     BoundFound,
@@ -28,7 +29,6 @@ from covey.runtime.feed import (
     Trading,
     Update,
 )
-from covey.runtime.palette import colours
 
 OFFER = 0.4
 """Seconds that an offer stands."""

@@ -28,8 +28,8 @@ from covey.playground.client import Visitor
 from covey.playground.controls import Controls
 from covey.playground.guard import Guard
 from covey.playground.messages import LONGEST, Asked, Greeting, HeatMap, Hello, Refused, decode, encode
-from covey.runtime.feed import Scene, Update
-from covey.runtime.steering import Steering
+from covey.runtime.watching.feed import Scene, Update
+from covey.runtime.watching.steering import Steering
 
 STATIC = Path(__file__).parent / "static"
 """The built page."""
@@ -47,7 +47,7 @@ TURNED_AWAY = 1008
 """WebSocket's close code for those who break the rules."""
 
 SeenBy: TypeAlias = Callable[[int, NDArray[np.float64]], NDArray[np.float64]]
-"""Takes an agent and its committed pose, see `covey.runtime.feed.POSE`; returns how well it sees each landmark."""
+"""Takes an agent and its committed pose (`runtime.watching.feed.POSE`); returns how well it sees each landmark."""
 
 
 class PlaygroundServer:

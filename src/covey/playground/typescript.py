@@ -11,10 +11,10 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from covey.playground import messages
-from covey.runtime import feed, steering
+from covey.runtime.watching import feed, steering
 
 HEAD = """\
-// Written by `make web` from covey/playground/messages.py and covey/runtime/feed.py; do not edit.
+// Written by `make web` from covey/playground/messages.py and covey/runtime/watching/feed.py; do not edit.
 
 /** An array as it comes: little-endian values in base64. */
 export interface Encoded<D extends "f8" | "f4" | "i4" | "u1"> {

@@ -23,7 +23,7 @@ from covey.optimize.team_bound import team_bound
 from covey.runtime.agent import build_models
 from covey.runtime.airspace import room_of
 from covey.runtime.links import link_matrix
-from covey.runtime.record import read_result
+from covey.runtime.records.record import read_result
 from covey.runtime.result import Deployment, Progress
 from covey.runtime.streams import Stream, generator
 from covey.sensing import VisibilityModel

@@ -17,7 +17,7 @@ from covey.flight.trajectories import Circle as CircleTrajectory
 from covey.flight.trajectories import Follow as FollowTrajectory
 from covey.flight.trajectories import Hold, Trajectory
 from covey.mission.exercise import Circle, Exercise, Follow, Goal
-from covey.runtime.flight_document import events_document
+from covey.runtime.records.flight_document import events_document
 from covey.runtime.result import Progress
 from covey.runtime.world import build_simulator
 from covey.vehicles.fleet import CONTROL_PERIOD, Arrival, Fleet, Kind

@@ -88,10 +88,10 @@ class Flight:
 
         See Also
         --------
-        covey.runtime.flight_figures : position, errors, V, speed and more over time.
+        covey.runtime.drawing.flight_figures : position, errors, V, speed and more over time.
         """
-        from covey.runtime import flight_figures, flight_paths
-        from covey.runtime.flight_drawing import check_log
+        from covey.runtime.drawing import flight_figures, flight_paths
+        from covey.runtime.drawing.flight_drawing import check_log
 
         if ax is None:
             return flight_figures.flight_overview(self.log, self.deployment, obstacles=self.obstacles).axes[0]
@@ -122,7 +122,7 @@ class Flight:
         OutputError
             If something is there already, or it cannot be written.  Nothing is left half-written.
         """
-        from covey.runtime import sortie_record
+        from covey.runtime.records import sortie_record
 
         target = sortie_record.write_flight(self, directory, overwrite=overwrite)
         if film:
@@ -132,7 +132,7 @@ class Flight:
     def _repr_png_(self) -> bytes | None:
         if len(self.log.time) < 2:  # it ended before there was anything to draw
             return None
-        from covey.runtime import figures, flight_figures
+        from covey.runtime.drawing import figures, flight_figures
 
         figure = flight_figures.flight_overview(self.log, self.deployment, obstacles=self.obstacles)
         buffer = io.BytesIO()

@@ -15,13 +15,13 @@ from covey.flight.obstacles import Obstacle
 from covey.geometry import Pose2, Region, wrap_angle
 from covey.mission import Mission
 from covey.runtime.airspace import check_starts, clear_region, cylinder, passable, without_disc
-from covey.runtime.feed import Run, Watcher
 from covey.runtime.flight import Flight, Moment
 from covey.runtime.leg import AT_REST, BELOW_GROUND, Leg
 from covey.runtime.plan import PlanRun, separation_cost, software_versions
 from covey.runtime.result import Deployment, FlightReport, PlanStatus, Progress
-from covey.runtime.steering import AddObstacle, Kill, Request, Steering
-from covey.runtime.telling import MOTION_EVERY, TeamTeller, describe
+from covey.runtime.watching.feed import Run, Watcher
+from covey.runtime.watching.steering import AddObstacle, Kill, Request, Steering
+from covey.runtime.watching.telling import MOTION_EVERY, TeamTeller, describe
 from covey.runtime.world import build_fleet, not_felt
 from covey.vehicles.fleet import CONTROL_PERIOD, Fleet, Kind
 
@@ -53,7 +53,7 @@ def fly(
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
-        Called with all there is to see, when it happens: `covey.runtime.feed`.
+        Called with all there is to see, when it happens: `covey.runtime.watching.feed`.
     steering : Steering, optional
         Lets others pause it, set its speed, let vehicles fail and put obstacles in their way.
 

@@ -22,13 +22,13 @@ from covey.protocol import (
 from covey.protocol.records import OWNER
 from covey.runtime.agent import TeamPlanner, build_models, nearest_first
 from covey.runtime.changing import catalogue_of
-from covey.runtime.feed import Run, Watcher
 from covey.runtime.plan import software_versions
 from covey.runtime.result import HistoryEntry, Progress
-from covey.runtime.steering import Kill, Request, Revive, SetLoss, SetWeight, Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Team
-from covey.runtime.telling import TeamTeller, describe
+from covey.runtime.watching.feed import Run, Watcher
+from covey.runtime.watching.steering import Kill, Request, Revive, SetLoss, SetWeight, Steering
+from covey.runtime.watching.telling import TeamTeller, describe
 
 DELAY = (0.02, 0.08)
 """Shortest and longest time that a message takes, seconds: slow enough to watch."""

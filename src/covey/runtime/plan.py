@@ -23,12 +23,12 @@ from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.changing import ChangingTeam
-from covey.runtime.feed import Run, Watcher
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
-from covey.runtime.steering import Steering
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import Standing, Team, Travel
-from covey.runtime.telling import TeamTeller, describe
+from covey.runtime.watching.feed import Run, Watcher
+from covey.runtime.watching.steering import Steering
+from covey.runtime.watching.telling import TeamTeller, describe
 from covey.sensing.registry import build_model
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def plan(
     on_progress : callable, optional
         Called with a `Progress` ten times a second at most.
     watch : Watcher, optional
-        Called with all there is to see, when it happens: `covey.runtime.feed`.
+        Called with all there is to see, when it happens: `covey.runtime.watching.feed`.
     steering : Steering, optional
         Lets others pause it and set its speed.
 

@@ -287,7 +287,7 @@ class Deployment:
         matplotlib Axes
             The axes of the map; ``.figure.savefig(...)`` saves the whole figure.
         """
-        from covey.runtime import figures, map_drawing
+        from covey.runtime.drawing import figures, map_drawing
 
         if ax is None:
             return figures.deployment_figure(self).axes[0]
@@ -296,7 +296,7 @@ class Deployment:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``result.json`` as plain data."""
-        from covey.runtime import document
+        from covey.runtime.records import document
 
         return document.to_document(self)
 
@@ -320,12 +320,12 @@ class Deployment:
         OutputError
             If something is there already, or it cannot be written.  Nothing is left half-written.
         """
-        from covey.runtime import record
+        from covey.runtime.records import record
 
         return record.write_result(self, directory, overwrite=overwrite)
 
     def _repr_png_(self) -> bytes:
-        from covey.runtime import figures
+        from covey.runtime.drawing import figures
 
         buffer = io.BytesIO()
         figures.save_figure(figures.deployment_figure(self), buffer, kind="png")

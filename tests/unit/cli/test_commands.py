@@ -23,10 +23,10 @@ from covey.coverage import TeamBound
 from covey.coverage.certificate import Certificate
 from covey.errors import CoveyError, SolverError
 from covey.mission import Mission, OptimizerName, Trade
-from covey.runtime import record
-from covey.runtime.feed import Watcher
-from covey.runtime.record import read_result, write_result
+from covey.runtime.records import record
+from covey.runtime.records.record import read_result, write_result
 from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.runtime.watching.feed import Watcher
 
 MakeDeployment = Callable[..., Deployment]
 

@@ -29,9 +29,9 @@ from websockets.asyncio.client import connect
 from covey.cli.view import Live, eyes_of, live
 from covey.errors import InputError
 from covey.mission import load_mission
-from covey.runtime.feed import Ended
-from covey.runtime.mcap_reader import Record
-from covey.runtime.steering import Steering
+from covey.runtime.records.mcap_reader import Record
+from covey.runtime.watching.feed import Ended
+from covey.runtime.watching.steering import Steering
 from covey.sensing import build_model
 
 MISSION = """

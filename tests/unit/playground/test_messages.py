@@ -16,8 +16,8 @@ from covey.errors import ArgumentError
 from covey.playground import typescript
 from covey.playground.messages import LONGEST, Asked, Greeting, decode, encode, plain_array
 from covey.playground.sample import sample_feed
-from covey.runtime.feed import Ended, Motion, Update
-from covey.runtime.steering import COMMANDS, AddObstacle, Kill, Pause, SetSpeed
+from covey.runtime.watching.feed import Ended, Motion, Update
+from covey.runtime.watching.steering import COMMANDS, AddObstacle, Kill, Pause, SetSpeed
 
 
 def test_the_types_of_the_page_are_those_of_the_messages() -> None:

@@ -19,9 +19,9 @@ from covey.errors import NetworkError, OutputError
 from covey.playground.client import BACKLOG
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer, bind
-from covey.runtime.feed import Motion, ObstacleAppeared, Scene, TeamChange, TeamState
-from covey.runtime.steering import Kill, SetLoss, Steering
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Motion, ObstacleAppeared, Scene, TeamChange, TeamState
+from covey.runtime.watching.steering import Kill, SetLoss, Steering
+from covey.runtime.watching.view import TeamView
 
 Serve = Callable[..., PlaygroundServer]
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from covey.errors import OutputError
 from covey.geometry import Pose2
 from covey.protocol import AgentChange, Catalogue, LandmarkChange, LandmarkRecords, Memory, PoseRecords, Sender
-from covey.runtime.agent_state import AgentDirectory, await_life, first_life
+from covey.runtime.network.agent_state import AgentDirectory, await_life, first_life
 from covey.transports.codec import Codec
 
 CODEC = Codec(bytes(range(16)), agents=3, landmarks=6)

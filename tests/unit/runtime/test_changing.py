@@ -16,11 +16,11 @@ from covey import certify, plan
 from covey.errors import InputError, MissionError
 from covey.mission import Mission, agent_text, parse_mission, read_agent
 from covey.runtime.changing import UNHEARD
-from covey.runtime.feed import Activity, ChangeKind, Scene, TeamChange, Update
 from covey.runtime.fly import fly
-from covey.runtime.record import read_result
+from covey.runtime.records.record import read_result
 from covey.runtime.result import Deployment
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Activity, ChangeKind, Scene, TeamChange, Update
+from covey.runtime.watching.view import TeamView
 
 GREY = {"name": "grey", "pose": {"x_m": 0.0, "y_m": 0.0, "yaw_deg": 0.0}}
 ADD = {"add": {"points": [[1.5, 2.5], [1.7, 2.5]], "weight": 2.0}}

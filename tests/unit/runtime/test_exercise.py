@@ -11,8 +11,8 @@ import pytest
 from covey.flight.layout import P
 from covey.mission.exercise import Exercise, load_exercise, navigation_options, parse_exercise
 from covey.runtime.exercise import ExerciseResult, fly_exercise
-from covey.runtime.flight_findings import Run, offset_error
-from covey.runtime.flight_scenes import SCENES, scene
+from covey.runtime.reproduce.findings import Run, offset_error
+from covey.runtime.reproduce.scenes import SCENES, scene
 from covey.runtime.result import Progress
 from covey.vehicles.fleet import Kind
 

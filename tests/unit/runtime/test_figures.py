@@ -14,9 +14,9 @@ from PIL import Image
 
 from covey.environment import Landmarks
 from covey.geometry import Region
-from covey.runtime import figures
-from covey.runtime.lattice import find_lattice
-from covey.runtime.palette import colours
+from covey.runtime.drawing import figures
+from covey.runtime.drawing.lattice import find_lattice
+from covey.runtime.drawing.palette import colours
 from covey.runtime.result import Deployment
 from covey.sensing.registry import build_model
 
@@ -74,7 +74,7 @@ def test_cells_cover_their_share_of_the_map(make_deployment: MakeDeployment) -> 
 def test_image_and_single_cells_agree(make_deployment: MakeDeployment, monkeypatch: pytest.MonkeyPatch) -> None:
     deployment = make_deployment(side=30)
     single = pixels(figures.deployment_figure(deployment))
-    monkeypatch.setattr("covey.runtime.map_drawing.MANY_CELLS", 10)
+    monkeypatch.setattr("covey.runtime.drawing.map_drawing.MANY_CELLS", 10)
     image = pixels(figures.deployment_figure(deployment))
     # They differ by the lines between cells and the numbers alone.
     assert np.mean(single != image) < 0.3

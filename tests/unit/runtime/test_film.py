@@ -14,10 +14,10 @@ from tests.unit.runtime.flights import Moment, flight, flight_of, moments
 
 from covey.errors import ArgumentError, OutputError
 from covey.flight.obstacles import Box
-from covey.runtime import film
-from covey.runtime.film_frames import FilmFrames
-from covey.runtime.flight_paths import pale
-from covey.runtime.palette import colours, rgb
+from covey.runtime.drawing import film
+from covey.runtime.drawing.film_frames import FilmFrames
+from covey.runtime.drawing.flight_paths import pale
+from covey.runtime.drawing.palette import colours, rgb
 from covey.runtime.result import Deployment
 from covey.vehicles.flight_log import FlightEvent, FlightLog
 
@@ -268,7 +268,7 @@ def test_ffmpeg_without_h264_is_not_used(tmp_path: Path, monkeypatch: pytest.Mon
     def nothing(_: str) -> Any:
         raise ImportError
 
-    monkeypatch.setattr("covey.runtime.film.importlib.import_module", nothing)
+    monkeypatch.setattr("covey.runtime.drawing.film.importlib.import_module", nothing)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     program = script(tmp_path, "echo ' V..... libx264  H.264'")
     assert film.find_ffmpeg() == str(program)

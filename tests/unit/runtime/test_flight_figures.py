@@ -16,11 +16,11 @@ from tests.unit.runtime.flights import flight, flight_of
 from covey.errors import ArgumentError
 from covey.flight.layout import REF_P, SIG_V1, SIG_V2, SIG_V3, P, V
 from covey.flight.obstacles import Box, Obstacle, Prism, Sphere
-from covey.runtime import flight_figures as figures
-from covey.runtime.figures import save_figure
-from covey.runtime.flight_drawing import EVENT_MARKS, tilts, under_way, yaws
-from covey.runtime.flight_paths import outline, plan_frame
-from covey.runtime.palette import colours
+from covey.runtime.drawing import flight_figures as figures
+from covey.runtime.drawing.figures import save_figure
+from covey.runtime.drawing.flight_drawing import EVENT_MARKS, tilts, under_way, yaws
+from covey.runtime.drawing.flight_paths import outline, plan_frame
+from covey.runtime.drawing.palette import colours
 from covey.runtime.result import Deployment
 from covey.vehicles.flight_log import FlightEvent, FlightLog
 

@@ -21,14 +21,14 @@ from covey.flight.fence import SLACK, Fences
 from covey.flight.layout import P, V
 from covey.mission import Mission, load_mission, parse_mission
 from covey.runtime.certify import certify
-from covey.runtime.feed import Motion, ObstacleAppeared
 from covey.runtime.flight import Flight
 from covey.runtime.fly import fly
 from covey.runtime.plan import plan
-from covey.runtime.record import read_result, result_text
+from covey.runtime.records.record import read_result, result_text
+from covey.runtime.records.sortie_record import film_flight, write_flight
 from covey.runtime.result import PlanStatus, Progress
-from covey.runtime.sortie_record import film_flight, write_flight
-from covey.runtime.steering import AddObstacle, Command, Kill, Steering
+from covey.runtime.watching.feed import Motion, ObstacleAppeared
+from covey.runtime.watching.steering import AddObstacle, Command, Kill, Steering
 from covey.vehicles.fleet import OUTSIDE
 from covey.vehicles.flight_log import FlightLog
 

@@ -14,8 +14,8 @@ import shapely
 from covey.environment import GeoReference
 from covey.errors import ArgumentError
 from covey.geometry import Region
-from covey.runtime.geojson import to_geojson
-from covey.runtime.record import write_result
+from covey.runtime.records.geojson import to_geojson
+from covey.runtime.records.record import write_result
 from covey.runtime.result import Deployment
 
 MakeDeployment = Callable[..., Deployment]

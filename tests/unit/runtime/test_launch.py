@@ -26,13 +26,13 @@ from covey.cli.main import main
 from covey.errors import NetworkError
 from covey.mission import Mission, load_mission, mission_digest
 from covey.protocol import Heartbeat, PoseRecord, Sender
-from covey.runtime import launch as launching
 from covey.runtime.certify import certify
-from covey.runtime.launch import Blow, LaunchOptions, LaunchReport, launch
-from covey.runtime.network_file import NetworkPlan, load_network
-from covey.runtime.observer import Observer
-from covey.runtime.record import read_result
-from covey.runtime.remote_agent import NETWORK_TIMES, mission_codec
+from covey.runtime.network import launch as launching
+from covey.runtime.network.launch import Blow, LaunchOptions, LaunchReport, launch
+from covey.runtime.network.network_file import NetworkPlan, load_network
+from covey.runtime.network.observer import Observer
+from covey.runtime.network.remote_agent import NETWORK_TIMES, mission_codec
+from covey.runtime.records.record import read_result
 from covey.runtime.result import Deployment, PlanStatus
 from covey.transports.codec import Codec
 from covey.transports.network import Credentials, NetworkOptions, mission_prefix

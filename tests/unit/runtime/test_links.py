@@ -15,7 +15,7 @@ from covey.coverage import LinkedPairs, team_visibility
 from covey.mission import CommunicationSpec, Mission
 from covey.runtime.agent import build_models
 from covey.runtime.links import link_matrix
-from covey.runtime.record import read_result
+from covey.runtime.records.record import read_result
 
 SIX = {"count": 6}
 CHAIN = CommunicationSpec(links=tuple((f"agent-{i}", f"agent-{i + 1}") for i in range(1, 6)))

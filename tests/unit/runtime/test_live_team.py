@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from covey.mission import Mission, parse_mission
-from covey.runtime.feed import Activity, ChangeKind, Ended, Health, Note, Scene, TeamChange, Update
 from covey.runtime.live_team import MOST_LOSS, LiveTeam
-from covey.runtime.steering import Command, Kill, Revive, SetLoss, SetWeight, Steering
-from covey.runtime.view import TeamView
+from covey.runtime.watching.feed import Activity, ChangeKind, Ended, Health, Note, Scene, TeamChange, Update
+from covey.runtime.watching.steering import Command, Kill, Revive, SetLoss, SetWeight, Steering
+from covey.runtime.watching.view import TeamView
 
 
 def mission() -> Mission:

@@ -28,8 +28,14 @@ from rosbags.typesys import Stores, get_typestore
 from tests.unit.runtime.test_telling import scene
 
 from covey.errors import OutputError, RecordError
-from covey.runtime import ros_types
-from covey.runtime.feed import (
+from covey.runtime.fly import fly
+from covey.runtime.plan import plan
+from covey.runtime.records import ros_types
+from covey.runtime.records.mcap_reader import Record
+from covey.runtime.records.mcap_record import METADATA, Recorder, RecordFile, partial_path, topic_of
+from covey.runtime.records.record_topics import into_body, topic_names
+from covey.runtime.records.record_types import LAYOUTS, decode, encode
+from covey.runtime.watching.feed import (
     BoundFound,
     ChangeKind,
     Ended,
@@ -47,13 +53,7 @@ from covey.runtime.feed import (
     Update,
     Weights,
 )
-from covey.runtime.fly import fly
-from covey.runtime.mcap_reader import Record
-from covey.runtime.mcap_record import METADATA, Recorder, RecordFile, partial_path, topic_of
-from covey.runtime.plan import plan
-from covey.runtime.record_topics import into_body, topic_names
-from covey.runtime.record_types import LAYOUTS, decode, encode
-from covey.runtime.view import TeamView
+from covey.runtime.watching.view import TeamView
 
 Items = list[Scene | Update]
 
@@ -357,7 +357,7 @@ def test_partial_records_take_free_names(tmp_path: Path) -> None:
 KILLED = """
 import sys, time
 from covey.runtime.fly import fly
-from covey.runtime.mcap_record import Recorder
+from covey.runtime.records.mcap_record import Recorder
 from tests.unit.runtime.test_telling import scene
 recorder = Recorder(sys.argv[1])
 def watch(item):

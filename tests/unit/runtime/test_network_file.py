@@ -10,7 +10,7 @@ from tests.unit.runtime.small import small
 from covey.errors import ArgumentError, MissionError
 from covey.mission import Mission
 from covey.protocol import Adopt
-from covey.runtime.network_file import NetworkPlan, load_network
+from covey.runtime.network.network_file import NetworkPlan, load_network
 from covey.transports.network import Mode
 
 WHOLE = """

@@ -23,10 +23,10 @@ from covey.protocol import (
     TradeCommitted,
     TradeId,
 )
-from covey.runtime.feed import Activity, ChangeKind, Ended, Health, Run, Scene, TeamChange, TeamState, Update
-from covey.runtime.network_telling import NetworkTeller
-from covey.runtime.observer import Content, Observer
-from covey.runtime.view import TeamView
+from covey.runtime.network.network_telling import NetworkTeller
+from covey.runtime.network.observer import Content, Observer
+from covey.runtime.watching.feed import Activity, ChangeKind, Ended, Health, Run, Scene, TeamChange, TeamState, Update
+from covey.runtime.watching.view import TeamView
 
 DEAD_AFTER = 3.0
 

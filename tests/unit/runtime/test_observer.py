@@ -28,9 +28,9 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.protocol.adoption import map_digest
-from covey.runtime.observed_team import ObservedTeam
-from covey.runtime.observer import Content, Heard, Observer
-from covey.runtime.remote_agent import NETWORK_TIMES
+from covey.runtime.network.observed_team import ObservedTeam
+from covey.runtime.network.observer import Content, Heard, Observer
+from covey.runtime.network.remote_agent import NETWORK_TIMES
 
 DEAD_AFTER = NETWORK_TIMES.dead_after
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from covey.errors import OutputError
-from covey.runtime.output import ABANDONED, check_target, staged
+from covey.runtime.records.output import ABANDONED, check_target, staged
 
 
 def leave(folder: Path, name: str, age: float) -> Path:

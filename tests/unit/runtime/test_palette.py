@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from covey.runtime.palette import OKABE_ITO, VISIONS, colours, distinct, is_light, perceived, rgb
+from covey.runtime.drawing.palette import OKABE_ITO, VISIONS, colours, distinct, is_light, perceived, rgb
 
 
 def smallest_distance(palette: tuple[str, ...], vision: str) -> float:

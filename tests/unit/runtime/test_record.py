@@ -17,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from covey.errors import OutputError, ResultError
-from covey.runtime import document, figures, record
-from covey.runtime.record import default_directory, read_result, result_text, write_result
+from covey.runtime.drawing import figures
+from covey.runtime.records import document, record
+from covey.runtime.records.record import default_directory, read_result, result_text, write_result
 from covey.runtime.result import AgentResult, Deployment, PlanStatus, Scores
 
 MakeDeployment = Callable[..., Deployment]

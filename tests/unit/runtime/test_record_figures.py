@@ -11,12 +11,12 @@ from tests.unit.runtime.small import POLYGON, small
 from tests.unit.runtime.test_telling import scene
 
 from covey.errors import ArgumentError
-from covey.runtime.figures import save_figure
+from covey.runtime.drawing.figures import save_figure
+from covey.runtime.drawing.record_figures import Kind, Story, record_figure
 from covey.runtime.fly import fly
-from covey.runtime.mcap_reader import Record
-from covey.runtime.mcap_record import Recorder
 from covey.runtime.plan import plan
-from covey.runtime.record_figures import Kind, Story, record_figure
+from covey.runtime.records.mcap_reader import Record
+from covey.runtime.records.mcap_record import Recorder
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from PIL import Image
 
 from covey.errors import OutputError, ResultError
 from covey.playground.sample import sample_feed
-from covey.runtime.feed import Run, Scene, TeamChange, Trading, Update
-from covey.runtime.palette import rgb
-from covey.runtime.record_film import RecordFrames, clock_of, headings, score_curve, write_record_film
+from covey.runtime.drawing.palette import rgb
+from covey.runtime.drawing.record_film import RecordFrames, clock_of, headings, score_curve, write_record_film
+from covey.runtime.watching.feed import Run, Scene, TeamChange, Trading, Update
 
 Feed = list[Scene | Update]
 
@@ -83,7 +83,7 @@ def test_a_gif_is_written_whole(plan: Feed, tmp_path: Path) -> None:
 def test_what_cannot_be_filmed_is_said(flight: Feed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(OutputError, match=r"film.avi: expected a name that ends in .mp4 or .gif"):
         write_record_film(flight, tmp_path / "film.avi")
-    monkeypatch.setattr("covey.runtime.record_film.find_ffmpeg", lambda: None)
+    monkeypatch.setattr("covey.runtime.drawing.record_film.find_ffmpeg", lambda: None)
     with pytest.raises(OutputError, match="needs ffmpeg"):
         write_record_film(flight, tmp_path / "film.mp4")
     with pytest.raises(ResultError, match="no scene"):

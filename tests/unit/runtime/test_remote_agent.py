@@ -16,9 +16,9 @@ from covey.errors import ArgumentError, Drop
 from covey.mission import Mission
 from covey.protocol import AgentBuried, AgentState, Event, MembershipOptions, Node, Sender, TradeCommitted
 from covey.runtime.agent import TeamPlanner, build_models
-from covey.runtime.agent_state import AgentDirectory
-from covey.runtime.prover import Prover
-from covey.runtime.remote_agent import RemoteAgent, build_node, join_mission, mission_codec
+from covey.runtime.network.agent_state import AgentDirectory
+from covey.runtime.network.prover import Prover
+from covey.runtime.network.remote_agent import RemoteAgent, build_node, join_mission, mission_codec
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
 from covey.transports import RealTransport

@@ -13,7 +13,7 @@ import pytest
 
 from covey.errors import InputError, OutputError
 from covey.mission import SensorSpec, Trade
-from covey.runtime.reproduce import NAMES, draw_heatmap, reproduce_thesis, table_text, thesis_mission
+from covey.runtime.reproduce.mission import NAMES, draw_heatmap, reproduce_thesis, table_text, thesis_mission
 from covey.runtime.result import Deployment, Progress
 
 MakeDeployment = Callable[..., Deployment]
@@ -90,7 +90,7 @@ def test_an_earlier_reproduction_is_replaced_only_when_asked(tmp_path: Path, mon
             if name.endswith(".png"):
                 (staging / name).touch()
 
-    monkeypatch.setattr("covey.runtime.reproduce._write_figures", draw_nothing)
+    monkeypatch.setattr("covey.runtime.reproduce.mission._write_figures", draw_nothing)
     reproduce_thesis(tmp_path, seeds=1)
     with pytest.raises(OutputError, match="not empty"):
         reproduce_thesis(tmp_path, seeds=1)

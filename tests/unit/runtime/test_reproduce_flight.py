@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from covey.errors import OutputError
-from covey.runtime.flight_findings import STATEMENTS, Measure, Run, Statement
-from covey.runtime.flight_page import Image, page
-from covey.runtime.flight_scenes import SCENES
-from covey.runtime.reproduce_flight import DRAWINGS, NAMES, Finding, findings_text, reproduce_flight
+from covey.runtime.reproduce.findings import STATEMENTS, Measure, Run, Statement
+from covey.runtime.reproduce.flights import DRAWINGS, NAMES, Finding, findings_text, reproduce_flight
+from covey.runtime.reproduce.page import Image, page
+from covey.runtime.reproduce.scenes import SCENES
 from covey.runtime.result import Progress
 
 
@@ -32,8 +32,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     drawn = ("figure-2.2", "swap-separation", "leader-follower-error")
     drawings = tuple(drawing for drawing in DRAWINGS if drawing.name in drawn)
-    monkeypatch.setattr("covey.runtime.reproduce_flight.STATEMENTS", statements)
-    monkeypatch.setattr("covey.runtime.reproduce_flight.DRAWINGS", drawings)
+    monkeypatch.setattr("covey.runtime.reproduce.flights.STATEMENTS", statements)
+    monkeypatch.setattr("covey.runtime.reproduce.flights.DRAWINGS", drawings)
 
 
 @pytest.mark.usefixtures("short")
@@ -74,7 +74,7 @@ def test_page_figures_and_table(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("short")
 def test_an_earlier_reproduction_is_replaced_only_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("covey.runtime.reproduce_flight.DRAWINGS", ())
+    monkeypatch.setattr("covey.runtime.reproduce.flights.DRAWINGS", ())
     reproduce_flight(tmp_path, simulators=["kinematic"])
     with pytest.raises(OutputError, match="not empty"):
         reproduce_flight(tmp_path, simulators=["kinematic"])

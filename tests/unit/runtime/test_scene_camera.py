@@ -13,9 +13,9 @@ from covey.errors import ArgumentError
 from covey.flight.layout import OBSERVATION, QUAT
 from covey.flight.obstacles import Box, Prism, Sphere
 from covey.flight.parameters import load_vehicle
-from covey.runtime.palette import rgb
-from covey.runtime.scene_camera import SceneCamera, Stage, View, frame_all, pictures, why_no_pictures
-from covey.runtime.scene_model import FOV, magnification, paint_ground
+from covey.runtime.drawing.palette import rgb
+from covey.runtime.drawing.scene_camera import SceneCamera, Stage, View, frame_all, pictures, why_no_pictures
+from covey.runtime.drawing.scene_model import FOV, magnification, paint_ground
 
 IRIS = load_vehicle("iris")
 BLUE, ORANGE = "#0072B2", "#E69F00"

@@ -21,9 +21,9 @@ from covey.mission import Mission, parse_mission
 from covey.runtime.agent import build_models
 from covey.runtime.airspace import room_of
 from covey.runtime.fly import fly
+from covey.runtime.network.remote_agent import join_mission
 from covey.runtime.plan import PlanRun, plan
-from covey.runtime.record import read_result, result_text
-from covey.runtime.remote_agent import join_mission
+from covey.runtime.records.record import read_result, result_text
 from covey.runtime.result import Deployment
 from covey.transports import Loopback
 

@@ -12,8 +12,8 @@ from covey.flight.layout import P
 from covey.flight.obstacles import Box
 from covey.geometry import Pose2, wrap_angle
 from covey.mission import Mission
-from covey.runtime.remote_vehicle import AtOnce, Leg, build_vehicle
-from covey.runtime.simulated_vehicle import BEHIND, SimulatedVehicle
+from covey.runtime.network.remote_vehicle import AtOnce, Leg, build_vehicle
+from covey.runtime.network.simulated_vehicle import BEHIND, SimulatedVehicle
 from covey.vehicles.fleet import Kind
 
 START, GOAL = Pose2(1.5, -1.0, 0.0), Pose2(-1.0, 1.5, 2.0)

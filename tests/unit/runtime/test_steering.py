@@ -9,8 +9,8 @@ from collections.abc import Callable
 import pytest
 
 from covey.errors import ArgumentError
-from covey.runtime.feed import Scene, Update
-from covey.runtime.steering import (
+from covey.runtime.watching.feed import Scene, Update
+from covey.runtime.watching.steering import (
     COMMANDS,
     WAITING,
     AddObstacle,

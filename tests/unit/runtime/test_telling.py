@@ -11,7 +11,10 @@ import pytest
 
 from covey.errors import ArgumentError
 from covey.mission import Mission, parse_mission
-from covey.runtime.feed import (
+from covey.runtime.fly import fly
+from covey.runtime.plan import plan
+from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.runtime.watching.feed import (
     Activity,
     BoundFound,
     ChangeKind,
@@ -27,11 +30,8 @@ from covey.runtime.feed import (
     Trading,
     Update,
 )
-from covey.runtime.fly import fly
-from covey.runtime.plan import plan
-from covey.runtime.result import Deployment, PlanStatus, Progress
-from covey.runtime.telling import KEYFRAME_SECONDS, MOTION_EVERY
-from covey.runtime.view import TeamView
+from covey.runtime.watching.telling import KEYFRAME_SECONDS, MOTION_EVERY
+from covey.runtime.watching.view import TeamView
 
 SCENE: dict[str, Any] = {
     "schema_version": 1,

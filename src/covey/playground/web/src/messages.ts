@@ -1,4 +1,4 @@
-// Written by `make web` from covey/playground/messages.py and covey/runtime/feed.py; do not edit.
+// Written by `make web` from covey/playground/messages.py and covey/runtime/watching/feed.py; do not edit.
 
 /** An array as it comes: little-endian values in base64. */
 export interface Encoded<D extends "f8" | "f4" | "i4" | "u1"> {

@@ -1,4 +1,4 @@
-// The state of a mission at a moment: what `covey.runtime.view.TeamView` is in Python.
+// The state of a mission at a moment: what `covey.runtime.watching.view.TeamView` is in Python.
 
 import { NOBODY, POSE, type Encoded, type Scene, type SceneObstacle, type Update } from "./messages";
 import { rings, values } from "./wire";

@@ -1,0 +1,343 @@
+"""The life of an agent's process: from its files and the network to its report."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+from covey.mission import Mission
+from covey.protocol import Event, Sender, TradeCommitted
+from covey.runtime.network.agent_state import AgentDirectory, await_life, first_life
+from covey.runtime.network.network_file import NetworkPlan
+from covey.runtime.network.remote_agent import (
+    LINGER,
+    RemoteAgent,
+    build_planner,
+    join_mission,
+    mission_codec,
+    warm_up,
+)
+from covey.runtime.network.remote_vehicle import build_vehicle
+from covey.transports.network import report_refusals
+from covey.transports.zenoh import ZenohTransport
+
+KEEP_EVERY = 1.0
+"""Seconds between two times that an agent writes down what it knows, while that changes."""
+
+
+class Ending(enum.Enum):
+    """Why an agent left."""
+
+    OVER = "over"
+    TIMEOUT = "timeout"
+    RELEASED = "released"
+    """Its standard input was closed."""
+    INTERRUPTED = "interrupted"
+    SUPERSEDED = "superseded"
+    """A newer life of it is on the network."""
+
+
+@dataclass(frozen=True)
+class AgentSettings:
+    """How an agent runs.
+
+    Parameters
+    ----------
+    number : int
+        Its place in the mission.
+    network : NetworkPlan
+    state : Path or None
+        Where it keeps what a restart begins with.
+    vehicles : str
+        ``none``, or a `covey.vehicles.fleet.Kind`.
+    patience : float
+        How long it waits for the others at the start, seconds.
+    timeout : float
+        Seconds after which it leaves.
+    attached : bool
+        Stay when the mission is over, and leave when standard input closes.
+    """
+
+    number: int
+    network: NetworkPlan
+    state: Path | None = None
+    vehicles: str = "none"
+    patience: float = 60.0
+    timeout: float = math.inf
+    attached: bool = False
+
+
+@dataclass(frozen=True)
+class AgentReport:
+    """What an agent's process has to say at its end.
+
+    Parameters
+    ----------
+    name : str
+    incarnation : int
+    ending : Ending
+    over : bool
+        Whether the mission was over.
+    remembered : bool
+        Whether it began with the memory of an earlier life.
+    trades, optimizations : int
+        Trades that it committed as client, and how often it looked for a better pose.
+    dropped : dict of str to int
+        Arrivals that were dropped, by cause.
+    unanswered, unsent : int
+    other_missions : list of str
+        Digests of other missions on the same network.
+    longest_silence : float
+        The longest time that it was too busy to speak, seconds.
+    start_s : dict of str to float
+        What its start took, seconds.
+    """
+
+    name: str
+    incarnation: int
+    ending: Ending
+    over: bool
+    remembered: bool
+    trades: int
+    optimizations: int
+    dropped: dict[str, int]
+    unanswered: int
+    unsent: int
+    other_missions: list[str]
+    longest_silence: float
+    start_s: dict[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """Return it as one line of JSON."""
+        return json.dumps({**dataclasses.asdict(self), "ending": self.ending.value})
+
+
+class _Wish:
+    """Whether somebody wants the process to leave."""
+
+    def __init__(self) -> None:
+        self.ending: Ending | None = None
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal: the first is a wish, the second an end."""
+        self.ending = Ending.INTERRUPTED
+        signal.signal(number, signal.SIG_DFL)
+
+    def follow(self, stream: int) -> None:
+        """Wait for the end of a stream."""
+        while os.read(stream, 4096):
+            pass
+        self.ending = self.ending or Ending.RELEASED
+
+    def __call__(self) -> bool:
+        return self.ending is not None
+
+
+@contextmanager
+def _signals(wish: _Wish) -> Iterator[None]:
+    before = {number: signal.signal(number, wish.note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _stdout_on_stderr() -> Iterator[None]:
+    """Have whatever is written to standard output, where Zenoh logs, go to stderr meanwhile."""
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def run_agent(
+    mission: Mission, settings: AgentSettings, *, say: Callable[[str], object], talkative: bool = True
+) -> AgentReport:
+    """Run an agent until the mission is over or it is told to leave.
+
+    Parameters
+    ----------
+    mission : Mission
+    settings : AgentSettings
+    say : callable, keyword-only
+        Called with what is wrong, and with news.
+    talkative : bool, keyword-only
+        Whether with news as well.
+
+    Raises
+    ------
+    InputError
+        If a sensor or a vehicle cannot be built.
+    NetworkError
+        If the network cannot be joined.
+    OutputError
+        If the state cannot be written.
+    SolverError
+        If an optimiser fails.
+    """
+    wish = _Wish()
+    if settings.attached:
+        threading.Thread(target=wish.follow, args=[sys.stdin.fileno()], daemon=True).start()
+    with ExitStack() as stack:
+        stack.enter_context(_signals(wish))
+        if settings.network.options.credentials is not None:
+            stack.enter_context(_stdout_on_stderr())
+            report_refusals()
+        return _Life(mission, settings, wish, say, say if talkative else lambda text: None).run()
+
+
+class _Life:
+    """One life of an agent."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        settings: AgentSettings,
+        wish: _Wish,
+        warn: Callable[[str], object],
+        tell: Callable[[str], object],
+    ) -> None:
+        self._mission = mission
+        self._settings = settings
+        self._wish = wish
+        self._warn, self._tell = warn, tell
+        self._began = time.monotonic()
+        self._start_s: dict[str, float] = {}
+        self._trades = 0
+        self._kept: object = None
+        self._keep_at = 0.0
+
+    def run(self) -> AgentReport:
+        """Live."""
+        mission, settings = self._mission, self._settings
+        number = settings.number
+        codec = mission_codec(mission)
+        directory = None if settings.state is None else AgentDirectory(settings.state, number, codec, self._warn)
+        life = first_life() if directory is None else directory.next_life()
+        remembered = None if directory is None else directory.recall()
+        start = mission.agents[number].pose if remembered is None else remembered.pose
+        warm_up(mission, number, settings.vehicles)
+        planner = build_planner(mission)
+        vehicle = build_vehicle(mission, number, settings.vehicles, start, time.monotonic())
+        self._took("warm_up")
+        await_life(life)
+        with ExitStack() as stack:
+            transport = ZenohTransport(Sender(number, life), codec, settings.network.options)
+            stack.enter_context(closing(transport))
+            agent = join_mission(
+                mission,
+                transport,
+                incarnation=life,
+                planner=planner,
+                memory=None if remembered is None else remembered.memory,
+                times=settings.network.times,
+                vehicle=vehicle,
+                on_event=lambda event: self._on_event(transport, event),
+            )
+            stack.enter_context(closing(agent))
+            self._took("join")
+            self._assemble(agent, transport, patient=remembered is None)
+            self._took("assemble")
+            stack.callback(self._keep, agent, directory, at_once=True)
+            over = agent.run(
+                timeout=settings.timeout,
+                linger=math.inf if settings.attached else LINGER,
+                stop=self._wish,
+                on_step=lambda: self._keep(agent, directory),
+            )
+            ending = self._ending(agent, over=over)
+            self._tell_end(agent, ending)
+            return AgentReport(
+                name=mission.agents[number].name,
+                incarnation=life,
+                ending=ending,
+                over=over,
+                remembered=remembered is not None,
+                trades=self._trades,
+                optimizations=planner.optimizations,
+                dropped={cause.value: count for cause, count in transport.dropped.items()},
+                unanswered=transport.unanswered,
+                unsent=transport.unsent,
+                other_missions=sorted(transport.other_missions),
+                longest_silence=agent.longest_silence,
+                start_s=self._start_s,
+            )
+
+    def _assemble(self, agent: RemoteAgent, transport: ZenohTransport, *, patient: bool) -> None:
+        names = [specification.name for specification in self._mission.agents]
+        others = len(names) - 1
+        if not patient:
+            agent.assemble(math.inf, self._settings.network.times.dead_after, self._wish)
+            self._tell("begins again where it was")
+            return
+        patience = self._settings.patience
+        if others:
+            self._tell(f"waits for {others} others")
+        if not agent.assemble(others, patience, self._wish) and not self._wish():
+            here = {peer.agent for peer in transport.peers} | {self._settings.number}
+            absent = ", ".join(name for number, name in enumerate(names) if number not in here)
+            self._warn(f"begins without {absent}, not heard of in {patience:g} s")
+            missions = len(transport.other_missions)
+            if missions:
+                self._warn(
+                    f"hears agents of {missions} other mission{'s' * (missions != 1)}: "
+                    "compare the mission files and seeds"
+                )
+        self._tell("begins")
+
+    def _on_event(self, transport: ZenohTransport, event: Event) -> None:
+        self._trades += isinstance(event, TradeCommitted)
+        transport.log(event)
+
+    def _keep(self, agent: RemoteAgent, directory: AgentDirectory | None, *, at_once: bool = False) -> None:
+        """Write down what a later life can begin with, if it has changed."""
+        if directory is None or (time.monotonic() < self._keep_at and not at_once):
+            return
+        node = agent.node
+        known = (node.records.changes, node.poses.changes, agent.vehicle.pose, node.avoid)
+        if known != self._kept:
+            directory.keep(node.sender, node.memory(), agent.vehicle.pose)
+            self._kept = known
+            self._keep_at = time.monotonic() + KEEP_EVERY
+
+    def _ending(self, agent: RemoteAgent, *, over: bool) -> Ending:
+        if agent.superseded:
+            return Ending.SUPERSEDED
+        if self._wish.ending is not None:
+            return self._wish.ending
+        return Ending.OVER if over else Ending.TIMEOUT
+
+    def _tell_end(self, agent: RemoteAgent, ending: Ending) -> None:
+        silence, limit = agent.longest_silence, self._settings.network.times.dead_after
+        if silence > 0.5 * limit:
+            self._warn(
+                f"was too busy to speak for {silence:.1f} s; raise dead_after_s, now {limit:g}, in the network file"
+            )
+        if ending is Ending.SUPERSEDED:
+            self._warn("has been started again elsewhere; this process ends")
+        elif ending is Ending.TIMEOUT:
+            self._warn("leaves before the mission is over: its time is up")
+        else:
+            self._tell(f"leaves: {ending.value}")
+
+    def _took(self, what: str) -> None:
+        now = time.monotonic()
+        self._start_s[what] = round(now - self._began, 3)
+        self._began = now

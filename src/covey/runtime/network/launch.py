@@ -1,0 +1,439 @@
+"""Starts the agents of a mission on this machine, watches them, and writes down what came out."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import signal
+import socket
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from covey.errors import NetworkError
+from covey.mission import Mission
+from covey.runtime.certify import build_certificate, prove_poses
+from covey.runtime.network.child import Child, Exit
+from covey.runtime.network.network_file import OBSERVER, NetworkPlan
+from covey.runtime.network.observer import Observer
+from covey.runtime.network.remote_agent import mission_codec, warm_up
+from covey.runtime.plan import software_versions
+from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.transports.zenoh import ZenohObserver
+
+TICK = 0.05
+"""How long to listen at a time, seconds."""
+
+FAREWELL = 5.0
+"""How long an agent may take to leave when it is told to, seconds."""
+
+RESTART_AFTER = 0.5
+"""Seconds before a process that died is started again."""
+
+HOPELESS = 5
+"""A process that has died so often in a row without having been heard is not started again."""
+
+
+@dataclass(frozen=True)
+class Blow:
+    """A signal that an agent's process gets.
+
+    Parameters
+    ----------
+    agent : int
+    after : float
+        Seconds after every agent was there.
+    number : int
+        Which signal; by default it is killed.
+    """
+
+    agent: int
+    after: float
+    number: int = signal.SIGKILL
+
+
+@dataclass(frozen=True)
+class LaunchOptions:
+    """How a team is launched.
+
+    Parameters
+    ----------
+    network : NetworkPlan
+        Its credentials and times go to every agent; it has no endpoints of its own.
+    network_file : Path or None
+        Where `network` comes from.
+    state : Path or None
+        Where the agents keep what a restart begins with; a temporary directory by default.
+    vehicles : str
+        As for `covey agent`.
+    restart : bool
+        Whether a process that died is started again.
+    blows : tuple of Blow
+    patience : float
+        How long agents wait for each other at the start, seconds.
+    timeout : float
+        Seconds after which the launch ends, over or not.
+    """
+
+    network: NetworkPlan = dataclasses.field(default_factory=NetworkPlan)
+    network_file: Path | None = None
+    state: Path | None = None
+    vehicles: str = "none"
+    restart: bool = False
+    blows: tuple[Blow, ...] = ()
+    patience: float = 60.0
+    timeout: float = float("inf")
+
+
+@dataclass(frozen=True)
+class LaunchReport:
+    """What happened beside the mission.
+
+    Parameters
+    ----------
+    settled : bool
+        Whether the mission was over.
+    exits : tuple of Exit
+        Every process that ended, in order.
+    agents : tuple of dict
+        The reports of those that left by themselves: `covey.runtime.network.agent_process.AgentReport`.
+    dropped : dict of str to int
+        Arrivals that the observer dropped, by cause.
+    refused : dict of str to int
+        Connections that the agents did not let in, by what was wrong with the certificate.
+    longest_unowned : float
+        No landmark was without a living owner for longer, seconds.
+    start_s, settle_s : float
+        Seconds from the launch until all agents were heard, and from then until the mission was over.
+    """
+
+    settled: bool
+    exits: tuple[Exit, ...]
+    agents: tuple[dict[str, Any], ...]
+    dropped: dict[str, int]
+    refused: dict[str, int]
+    longest_unowned: float
+    start_s: float
+    settle_s: float
+
+    @property
+    def died(self) -> tuple[Exit, ...]:
+        """The processes that ended otherwise than at the launch's own wish."""
+        return tuple(one for one in self.exits if not one.wanted)
+
+    @property
+    def strangers(self) -> dict[str, int]:
+        """What all of the team dropped together, by cause, but what was merely overtaken by news."""
+        total: dict[str, int] = dict(self.dropped)
+        for agent in self.agents:
+            for cause, count in agent["dropped"].items():
+                total[cause] = total.get(cause, 0) + count
+        return {cause: count for cause, count in sorted(total.items()) if cause != "outdated"}
+
+    def to_json(self) -> str:
+        """Return it as JSON."""
+        content = dataclasses.asdict(self) | {"strangers": self.strangers}
+        return json.dumps(content, indent=2) + "\n"
+
+
+def watch(
+    mission: Mission,
+    network: NetworkPlan,
+    *,
+    timeout: float = float("inf"),
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_observer: Callable[[Observer], object] = lambda observer: None,
+) -> tuple[Deployment, LaunchReport]:
+    """Watch a team that others have started, until its mission is over.
+
+    Parameters
+    ----------
+    mission, network : as for the agents
+    timeout : float, keyword-only
+        Seconds after which to give up.
+    on_progress : callable, keyword-only
+        Called with a `Progress` some times a second.
+    on_observer : callable, keyword-only
+        Called once with the observer, to subscribe to it.
+
+    Raises
+    ------
+    NetworkError
+        If the network cannot be joined.
+    """
+    options = replace(LaunchOptions(), network=network, timeout=timeout)
+    return _Launch(mission, None, options, network.options.connect, on_progress, on_observer).run()
+
+
+def launch(
+    mission: Mission,
+    path: Path,
+    options: LaunchOptions,
+    *,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_observer: Callable[[Observer], object] = lambda observer: None,
+    on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
+) -> tuple[Deployment, LaunchReport]:
+    """Start every agent of a mission as a process on this machine, and wait until the mission is over.
+
+    Parameters
+    ----------
+    mission : Mission
+    path : Path
+        Its file, which every agent reads.
+    options : LaunchOptions
+    on_progress, on_observer : callable, keyword-only
+        As for `watch`.
+    on_endpoints : callable, keyword-only
+        Called once with the endpoints on which the agents will listen, and last the observer.
+
+    Returns
+    -------
+    Deployment, LaunchReport
+        After Ctrl-C (KeyboardInterrupt) or the time-out what is known by then, with status INTERRUPTED.
+
+    Raises
+    ------
+    NetworkError
+        If the network cannot be joined, or an agent ends before it was heard and is not to be started again.
+    """
+    return _Launch(mission, path, options, (), on_progress, on_observer, on_endpoints).run()
+
+
+class _Launch:
+    def __init__(
+        self,
+        mission: Mission,
+        path: Path | None,
+        options: LaunchOptions,
+        connect: Sequence[str],
+        on_progress: Callable[[Progress], None],
+        on_observer: Callable[[Observer], object],
+        on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
+    ) -> None:
+        self.mission = mission
+        self._path = path
+        self._options = options
+        self._connect = tuple(connect)
+        self._on_progress = on_progress
+        self._on_observer = on_observer
+        self._on_endpoints = on_endpoints
+        self._names = [agent.name for agent in mission.agents]
+        self._children: dict[int, Child] = {}
+        self._failures = dict.fromkeys(range(len(self._names)), 0)
+        self._restarts: dict[int, float] = {}  # when to start whom again
+        self._exits: list[Exit] = []
+        self._refused: Counter[str] = Counter()
+        self._reports: list[dict[str, Any]] = []
+        self._began = time.monotonic()
+        self._all_there: float | None = None
+        self._calm_at = 0.0  # before, the effect of a signal may not show yet
+        self._blows = sorted(options.blows, key=lambda blow: blow.after)
+
+    @property
+    def _time(self) -> float:
+        return time.monotonic() - self._began
+
+    def run(self) -> tuple[Deployment, LaunchReport]:
+        with ExitStack() as stack:
+            if self._path is not None:
+                self._on_progress(Progress("warming up", float("nan")))
+                warm_up(self.mission, 0, self._options.vehicles)  # once, and not by all agents at the same time
+                self._began = time.monotonic()
+            endpoints = self._endpoints()
+            self._on_endpoints(endpoints)
+            state = self._options.state
+            if state is None and self._path is not None:
+                state = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="covey-launch-")))
+            observer = self._observer(stack, endpoints)
+            stack.enter_context(self._team(endpoints, state))
+            settled = False
+            with contextlib.suppress(KeyboardInterrupt):
+                settled = self._watch(observer, endpoints, state)
+            over_at = self._time
+            if settled:
+                self._release()
+            else:
+                self._interrupt()
+        start = self._all_there if self._all_there is not None else float("nan")
+        deployment = self._deployment(observer, settled=settled, start=start, end=over_at)
+        report = LaunchReport(
+            settled=settled,
+            exits=tuple(self._exits),
+            agents=tuple(self._reports),
+            dropped={cause.value: count for cause, count in observer.dropped.items()},
+            refused=dict(self._refused),
+            longest_unowned=observer.longest_unowned,
+            start_s=round(start, 3),
+            settle_s=round(over_at - start, 3),
+        )
+        return deployment, report
+
+    # The team.
+
+    def _endpoints(self) -> list[str]:
+        """Return where each agent listens, and last the observer, to which all connect so that it misses nothing."""
+        if self._path is None:
+            return list(self._connect)
+        protocol = "tcp" if self._options.network.options.credentials is None else "tls"
+        with ExitStack() as stack:
+            probes = [stack.enter_context(socket.socket()) for _ in range(len(self._names) + 1)]
+            for probe in probes:
+                probe.bind(("127.0.0.1", 0))
+            return [f"{protocol}/127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
+
+    def _observer(self, stack: ExitStack, endpoints: Sequence[str]) -> Observer:
+        network = self._options.network.for_name(OBSERVER)
+        if self._path is None:
+            joined = replace(network.options, connect=tuple(endpoints))
+        else:
+            joined = replace(network.options, listen=(endpoints[-1],), connect=())
+        access = ZenohObserver(mission_codec(self.mission), joined)
+        stack.enter_context(closing(access))
+        observer = Observer(self.mission, access, times=network.times)
+        self._on_observer(observer)
+        return observer
+
+    @contextlib.contextmanager
+    def _team(self, endpoints: Sequence[str], state: Path | None) -> Iterator[None]:
+        try:
+            if self._path is not None:
+                for agent in range(len(self._names)):
+                    self._start(agent, endpoints, state)
+            yield
+        finally:
+            for agent, child in list(self._children.items()):
+                child.close()
+                self._note_exit(agent, wanted=True)
+
+    def _start(self, agent: int, endpoints: Sequence[str], state: Path | None) -> None:
+        options = self._options
+        others = [endpoint for other, endpoint in enumerate(endpoints) if other != agent]
+        arguments = ["agent", "--name", self._names[agent], "--mission", str(self._path), "--attached", "--json"]
+        arguments += ["--quiet", "--seed", str(self.mission.seed), "--listen", endpoints[agent]]
+        arguments += [word for endpoint in others for word in ("--connect", endpoint)]
+        arguments += ["--vehicles", options.vehicles, "--wait", str(options.patience)]
+        if state is not None:
+            arguments += ["--state", str(state)]
+        if options.network_file is not None:
+            arguments += ["--network", str(options.network_file)]
+        self._children[agent] = Child(self._names[agent], arguments)
+
+    def _watch(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> bool:
+        """Wait until the mission is over; whether it is."""
+        while self._time < self._options.timeout:
+            observer.step(TICK)
+            self._look_after(observer, endpoints, state)
+            living = observer.living
+            if self._all_there is None and len(living) == len(self._names):
+                self._all_there = self._time
+            view = observer.team
+            stage = "starting" if self._all_there is None else "trading"
+            self._on_progress(Progress(stage, view.score, view.trades))
+            if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
+                return observer.settle()
+        return False
+
+    def _is_complete(self, observer: Observer) -> bool:
+        """Whether those that are heard are those that run, and nothing else is to happen to them."""
+        if self._blows or self._restarts:
+            return False
+        return self._path is None or observer.living.keys() == self._children.keys()
+
+    def _look_after(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
+        """Send the signals that are due, see who has died, and start again who is to be started again."""
+        now = self._time
+        while self._blows and self._all_there is not None and now >= self._all_there + self._blows[0].after:
+            blow = self._blows.pop(0)
+            if blow.agent in self._children:
+                self._children[blow.agent].send(blow.number)
+            self._calm_at = now + self._options.network.times.dead_after
+        for agent in list(self._children):
+            if self._children[agent].code is not None:
+                self._bury(agent, observer)
+        for agent, at in list(self._restarts.items()):
+            if now >= at:
+                del self._restarts[agent]
+                self._start(agent, endpoints, state)
+
+    def _bury(self, agent: int, observer: Observer) -> None:
+        child = self._children[agent]
+        last = self._note_exit(agent, wanted=child.killed)
+        heard = agent in observer.living
+        self._failures[agent] = 0 if heard else self._failures[agent] + 1
+        if self._options.restart and self._failures[agent] < HOPELESS and last.code != 2:
+            self._restarts[agent] = self._time + RESTART_AFTER
+        elif not heard and self._all_there is None:
+            words = [line for line in last.stderr if line.strip()]
+            raise NetworkError(f"{last.name} did not start ({last.cause}): {words[-1] if words else 'it said nothing'}")
+
+    def _note_exit(self, agent: int, *, wanted: bool) -> Exit:
+        child = self._children.pop(agent)
+        report = child.report()
+        child.close()
+        if report is not None:
+            self._reports.append(report)
+        self._refused += child.refused
+        code = child.code
+        assert code is not None
+        self._exits.append(Exit(child.name, round(self._time, 3), code, wanted, child.stderr))
+        return self._exits[-1]
+
+    def _release(self) -> None:
+        """Let the agents go: they leave when their standard input closes."""
+        for child in self._children.values():
+            child.release()
+        self._await_end()
+
+    def _interrupt(self) -> None:
+        """Pass Ctrl-C on, to those that are stopped as well."""
+        for child in self._children.values():
+            child.send(signal.SIGCONT)
+            child.send(signal.SIGINT)
+        self._await_end()
+
+    def _await_end(self) -> None:
+        end = time.monotonic() + FAREWELL
+        with contextlib.suppress(KeyboardInterrupt):
+            for child in self._children.values():
+                child.wait(max(0.0, end - time.monotonic()))
+
+    # What came out.
+
+    def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
+        view = observer.team
+        mission = view.present()
+        poses, sets = tuple(view.poses), view.sets()
+        certificate = None
+        proved = time.monotonic()
+        if settled:
+            self._on_progress(Progress("proving", view.score, view.trades))
+            models = view.present_models()
+            proofs = prove_poses(mission, models, poses, sets, range(len(sets)), seed=mission.seed)
+            certificate = build_certificate(mission, models, poses, sets, proofs)
+        timing = {"start": start, "trading": end - start, "proof": time.monotonic() - proved}
+        known = {name: seconds for name, seconds in timing.items() if seconds == seconds}
+        optimizations = sum(report["optimizations"] for report in self._reports)
+        return Deployment(
+            mission=mission,
+            seed=mission.seed,
+            sigma=mission.coverage.sigma,
+            trade=mission.coverage.trade,
+            optimizer=mission.coverage.optimizer,
+            status=PlanStatus.SETTLED if settled else PlanStatus.INTERRUPTED,
+            score=view.summary(),
+            history=tuple(view.history),
+            trades=view.trades,
+            pose_optimizations=max(optimizations, view.optimizations),
+            agents=view.agents(),
+            certificate=certificate,
+            software=dict(software_versions()),
+            snapshots=view.finish(),
+            timing_s=known | {"total": sum(known.values())},
+        )

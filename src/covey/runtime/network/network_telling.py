@@ -1,0 +1,131 @@
+"""Tells a watcher of a team on the network, as an `Observer` hears it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.protocol import Heartbeat, LandmarksAdopted, TradeCommitted
+from covey.runtime.network.observer import Heard, Observer
+from covey.runtime.plan import software_versions
+from covey.runtime.watching.feed import Activity, Ended, Health, Run, TeamState, Watcher
+from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, pose_rows
+
+HEALTH_EVERY = 1.0
+"""Seconds between two `Health`s while nobody's activity changes."""
+
+SILENT = 0.5
+"""Part of the time until an agent counts as dead after which it is suspect."""
+
+
+class NetworkTeller(Teller):
+    """Tells of a team that an observer watches; the offers that agents make each other are not heard.
+
+    Parameters
+    ----------
+    watch : Watcher
+    observer : Observer
+        It calls `hear`; call `update` as well when nothing is heard, so that silence is seen.
+    dead_after : float
+        Seconds of silence after which an agent counts as dead.
+    """
+
+    def __init__(self, watch: Watcher, observer: Observer, *, dead_after: float) -> None:
+        mission, team = observer.mission, observer.team
+        super().__init__(watch, describe(mission, team.models, run=Run.NETWORK, software=software_versions()))
+        m = len(mission.agents)
+        self._observer = observer
+        self._names = [agent.name for agent in mission.agents]
+        self._dead_after = dead_after
+        self._heard = np.full(m, np.nan)
+        self._quiescent = np.zeros(m, dtype=np.bool_)
+        self._entries = len(team.history)
+        self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
+        self._healthy_at = -math.inf
+        self.tell(self.scene)
+        self.state(self._state())
+        observer.subscribe(self.hear)
+
+    def hear(self, item: Heard) -> None:
+        """Take in what the observer heard."""
+        if isinstance(item.content, Heartbeat):
+            agent = item.content.sender.agent
+            self._heard[agent] = item.time
+            self._quiescent[agent] = item.content.quiescent
+        elif isinstance(item.content, TradeCommitted):
+            self._moved["trade"].append(item.content.moved)
+        elif isinstance(item.content, LandmarksAdopted):
+            self._moved["adoption"].append(len(item.content.records.indices))
+        self._tell_history(as_heard=True)
+        self._tell_health()
+
+    def update(self) -> None:
+        """Tell what is new, also when nothing was heard."""
+        team = self._observer.team
+        self._tell_history(as_heard=False)
+        if not np.array_equal(team.owner, self.view.owner) or not np.array_equal(self._poses(), self.view.poses):
+            self.state(self._state())  # what the team agreed on is not quite what events told
+        self._tell_health()
+
+    def _tell_history(self, *, as_heard: bool) -> None:
+        """Tell new entries of the history; what is heard together is in it before any of it is heard here."""
+        now, team = self._observer.time, self._observer.team
+        while self._entries < len(team.history):
+            entry = team.history[self._entries]
+            counts = self._moved.get(entry.event)
+            if as_heard and counts is not None and not counts:
+                return
+            self._entries += 1
+            if entry.event in KINDS:
+                agents = tuple(self._names.index(name) for name in entry.agents)
+                text = change_text(entry.event, entry.agents, counts.popleft() if counts else 0, entry.score)
+                self.change(now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text)
+        for counts in self._moved.values():
+            counts.clear()
+
+    def _tell_health(self) -> None:
+        now, activity = self._observer.time, self._activity()
+        if now - self._healthy_at >= HEALTH_EVERY or not np.array_equal(activity, self.view.activity):
+            self._healthy_at = now
+            unknown = np.full(len(self._names), np.nan)
+            self.tell(Health(now, activity, unknown, unknown, self._heard.copy()))
+
+    def end(self, status: str, holds: bool | None) -> None:
+        """Tell the last state, and that the mission is over."""
+        self.update()
+        self.state(self._state())
+        self.tell(Ended(self._observer.time, status, holds, float(self._scores().sum())))
+
+    def _activity(self) -> NDArray[np.uint8]:
+        silence = self._observer.time - self._heard
+        activity = np.where(self._quiescent, Activity.QUIESCENT, Activity.IDLE).astype(np.uint8)
+        activity[silence > SILENT * self._dead_after] = Activity.SUSPECT
+        activity[silence > self._dead_after] = Activity.DEAD
+        activity[list(self._observer.team.dead)] = Activity.DEAD
+        activity[np.isnan(self._heard)] = Activity.GONE
+        return activity
+
+    def _poses(self) -> NDArray[np.float64]:
+        return pose_rows(self._observer.team.poses, np.zeros(len(self._names)))
+
+    def _scores(self) -> NDArray[np.float64]:
+        scores = self._observer.team.scores.copy()
+        scores[list(self._observer.team.dead)] = 0.0
+        return scores
+
+    def _state(self) -> TeamState:
+        team = self._observer.team
+        return TeamState(
+            self._observer.time,
+            team.owner.astype(np.int32),
+            self._poses(),
+            self._scores(),
+            self._observer.mission.landmarks.weights.copy(),
+            self._activity(),
+            np.empty(0, dtype=np.int32),
+            team.trades,
+            self.view.bound,
+        )

@@ -1,0 +1,1 @@
+"""Files: results, records of a run, and their formats."""
