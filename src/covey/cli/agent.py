@@ -22,7 +22,9 @@ def agent(
     mission: Annotated[
         Path, typer.Option("--mission", parser=named_path, metavar="FILE", help="Mission file: YAML, TOML or JSON.")
     ],
-    name: Annotated[str, typer.Option("--name", metavar="NAME", help="Which agent of the mission this is.")],
+    name: Annotated[
+        str, typer.Option("--name", metavar="NAME", help="Which agent this is, of the mission or of those that join.")
+    ],
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of all randomness; the same for the whole team.")
     ] = None,
@@ -66,7 +68,8 @@ def agent(
 
     Every process of the team reads the same mission file with the same seed. The agent begins when all others are
     there, or have begun, or the wait is over, and leaves when the mission is over. With --state it remembers what it
-    knew when it is started again.
+    knew when it is started again. An agent that is not in the mission file joins if `covey change --join` has let it:
+    the others know the rest.
 
     Exit code: 0 the mission is over, 1 it left before, 2 bad input or no network, 3 an optimiser failed, 4 another
     process took its place, 130 Ctrl-C.
@@ -85,9 +88,6 @@ def agent(
 
     loaded = load_mission(mission, seed=seed)
     check_processes(loaded)
-    names = [specification.name for specification in loaded.agents]
-    if name not in names:
-        raise InputError(f"--name: expected an agent of {mission}: {', '.join(names)}; got {name!r}")
     plan = NetworkPlan() if network is None else load_network(network, loaded)
     try:
         plan = plan.for_name(name).joined(
@@ -96,7 +96,7 @@ def agent(
     except ArgumentError as error:
         raise InputError(str(error)) from None
     settings = AgentSettings(
-        number=names.index(name),
+        name=name,
         network=plan,
         state=state,
         vehicles=vehicles,
@@ -115,5 +115,5 @@ def agent(
         raise typer.Exit(INTERRUPTED)
     if report.ending is Ending.SUPERSEDED:
         raise typer.Exit(SUPERSEDED)
-    if not report.over and report.ending is not Ending.RELEASED:
+    if not report.over and report.ending not in (Ending.RELEASED, Ending.LEFT):
         raise typer.Exit(UNSETTLED)

@@ -12,6 +12,7 @@ import typer
 from covey import __version__
 from covey.cli.agent import agent
 from covey.cli.certify import certify
+from covey.cli.change import change
 from covey.cli.chaos import chaos
 from covey.cli.figures import figures
 from covey.cli.fly import fly
@@ -47,6 +48,7 @@ for command in (
     replay,
     launch,
     agent,
+    change,
     info,
     figures,
     certify,

@@ -11,7 +11,7 @@ import typer
 from covey.cli.arguments import named_path
 
 if TYPE_CHECKING:
-    from covey.mission import Mission, SensorSpec
+    from covey.mission import ChangeSpec, Mission, SensorSpec
     from covey.mission.exercise import Exercise, Task
 
 
@@ -97,6 +97,8 @@ def summary(mission: Mission) -> dict[str, str]:
         "coverage": f"sigma {coverage.sigma:g}, trade {coverage.trade.value}, optimizer {coverage.optimizer.value}, "
         f"assignment {assignment}",
     }
+    if mission.changes:
+        facts["changes"] = ", ".join(map(_change, mission.changes))
     if "flight" in mission.source:
         facts["flight"] = _flight(mission)
     if mission.separation is not None:
@@ -105,6 +107,19 @@ def summary(mission: Mission) -> dict[str, str]:
     if origin is not None:
         facts["georeference"] = f"lon {origin.lon_deg:.7g}°, lat {origin.lat_deg:.7g}°, alt {origin.alt_m:g} m"
     return facts
+
+
+def _change(change: ChangeSpec) -> str:
+    when = "" if change.after_trades is None else f" after {change.after_trades} trades"
+    when = when if change.at is None else f" at {change.at:g} s"
+    if change.join is not None:
+        return f"{change.join['name']} joins{when}"
+    if change.leave is not None:
+        return f"{change.leave} leaves{when}"
+    if change.add is not None:
+        return f"{len(change.add)} added{when}"
+    count = len(change.remove) or len(change.reweight)
+    return f"{count} {'removed' if change.remove else 'reweighted'}{when}"
 
 
 def exercise_summary(exercise: Exercise) -> dict[str, str]:

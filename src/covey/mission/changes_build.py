@@ -3,15 +3,61 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from covey.environment import Landmarks
-from covey.environment.json_text import KeyPath
+from covey.environment.json_text import KeyPath, Places
+from covey.errors import MissionError
 from covey.mission.changes import ChangeSpec
+from covey.mission.document import Document
 from covey.mission.report import Report, nearest
 from covey.mission.schema import ChangeSection
+
+
+def read_change(
+    data: Mapping[str, Any],
+    *,
+    names: Sequence[str],
+    gone: Collection[str],
+    landmarks: Landmarks,
+    removed: Collection[int],
+    source: str,
+) -> ChangeSpec:
+    """Build a change of a mission that goes on.
+
+    Parameters
+    ----------
+    data : mapping
+        As an entry of `changes` in a mission file.
+    names, gone : sequence of str, keyword-only
+        Who takes part now, and who did earlier.
+    landmarks : Landmarks, keyword-only
+        All that there ever were.
+    removed : collection of int, keyword-only
+        Those that are to be seen no more.
+    source : str, keyword-only
+        What errors say that the change comes from.
+
+    Raises
+    ------
+    MissionError
+        With every mistake in it.
+    """
+    report = Report(source, Document(dict(data), Places, []))
+    change = None
+    try:
+        section = ChangeSection.model_validate(data)
+        change = ChangeBuilder(names, landmarks, report, gone=gone, removed=removed).build(section, ())
+    except ValidationError as error:
+        report.add_pydantic(error.errors(include_url=False))
+    if change is None or report.mistakes:
+        raise MissionError(tuple(report.in_order()))
+    return change
+
 
 KINDS = ("add", "remove", "reweight", "join", "leave")
 
@@ -26,14 +72,26 @@ class ChangeBuilder:
     landmarks : Landmarks or None
         Those at the beginning, None if they could not be built.
     report : Report
+    gone : collection of str
+        Agents that took part earlier.
+    removed : collection of int
+        Landmarks that are to be seen no more.
     """
 
-    def __init__(self, names: Sequence[str], landmarks: Landmarks | None, report: Report) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        landmarks: Landmarks | None,
+        report: Report,
+        *,
+        gone: Collection[str] = (),
+        removed: Collection[int] = (),
+    ) -> None:
         self._present = list(names)
-        self._ever = set(names)
+        self._ever = {*names, *gone}
         self._landmarks = landmarks
         self._count = 0 if landmarks is None else len(landmarks)
-        self._removed: set[int] = set()
+        self._removed = set(removed)
         self._report = report
 
     def build(self, section: ChangeSection, path: KeyPath) -> ChangeSpec | None:

@@ -25,7 +25,6 @@ from covey.optimize import (
 )
 from covey.protocol import (
     EMPTY,
-    AgentChange,
     AgentState,
     Catalogue,
     LandmarkChange,
@@ -151,14 +150,22 @@ class TeamPlanner:
         Raises
         ------
         InputError
-            If it describes an agent that cannot be built.
+            If it describes an agent that cannot be built; nothing is learned then.
         """
         merged = self.catalogue.merged(catalogue)
         if merged is self.catalogue:
             return
+        joined: list[tuple[int, AgentSpec, VisibilityModel]] = []
         for agent, record in sorted(merged.agents.items()):
-            if agent >= self._began_with[1] and record != self.catalogue.agents.get(agent):
-                self._enrol(agent, record)
+            known = self.catalogue.agents.get(agent)
+            if agent >= self._began_with[1] and record != known and record.specification:
+                specification = read_agent(self._mission, agent, record.specification)
+                (model,) = build_models(replace(self._mission, agents=(specification,)))
+                joined.append((agent, specification, model))
+        self._make_room(max(merged.agents, default=-1) + 1)
+        for agent, specification, model in joined:
+            self.agents[agent], self.regions[agent] = specification, specification.region
+            self.replace_model(agent, model)
         if merged.landmarks is not self.catalogue.landmarks:
             self._relist(merged)
         self.catalogue = merged
@@ -171,20 +178,15 @@ class TeamPlanner:
         normal = (0.0, 0.0) if self.landmarks.normals_W is None else self.landmarks.normals_W[k].tolist()
         return LandmarkChange(0, bool(self.alive[k]), float(self.weights[k]), x, y, *normal)
 
-    def _enrol(self, agent: int, record: AgentChange) -> None:
-        """Learn of an agent that joins; numbers are given in order, but may become known in another."""
-        while len(self.models) <= agent:
+    def _make_room(self, agents: int) -> None:
+        """Reckon with so many agents; their numbers are given in order, but may become known in another."""
+        while len(self.models) < agents:
             number = len(self.models)
             self.models.append(build_model("blind", {}))
             self.regions.append(self._mission.region)
             self.agents.append(AgentSpec(f"agent {number}", Pose2(0.0, 0.0, 0.0), BLIND, self._mission.region))
             self._rngs.append(generator(self._seed, Stream.PLANNER, number))
             self._seen.append({})
-        if record.specification:
-            specification = read_agent(self._mission, agent, record.specification)
-            self.agents[agent], self.regions[agent] = specification, specification.region
-            (self.models[agent],) = build_models(replace(self._mission, agents=(specification,)))
-            self._seen[agent].clear()
 
     def _relist(self, catalogue: Catalogue) -> None:
         """List the landmarks anew, those that are removed without weight."""
@@ -309,6 +311,20 @@ class TeamPlanner:
         gap = np.maximum(first.min(axis=0) - second.max(axis=0), second.min(axis=0) - first.max(axis=0))
         unit = max(getattr(self.models[state.agent], "optimal_distance", np.inf) for state in (server, client))
         return bool(np.hypot(*np.maximum(0.0, gap)) > FAR * unit)
+
+
+def build_planner(mission: Mission) -> TeamPlanner:
+    """Return what the agents of a mission think with.
+
+    Raises
+    ------
+    InputError
+        If a sensor cannot be built.
+    """
+    coverage = mission.coverage
+    return TeamPlanner(
+        mission, build_models(mission), trade=coverage.trade, optimizer=coverage.optimizer, seed=mission.seed
+    )
 
 
 def nearest_first(agent: int, poses: PoseRecords, candidates: Sequence[int], rng: np.random.Generator) -> Iterable[int]:

@@ -59,7 +59,7 @@ def check_processes(mission: Mission) -> None:
     Raises
     ------
     InputError
-        If agents share a layer, since only a team in one process sees every place on offer, or the mission has changes.
+        If agents share a layer, since only a team in one process sees every place on offer.
     """
     where = mission.path or mission.name
     if mission.separation is not None:
@@ -67,8 +67,6 @@ def check_processes(mission: Mission) -> None:
             f"{where}: flight: expected a layer for each agent: those that share one need an "
             "airspace that all see, which agents in processes of their own do not have; raise ceiling_m or layers"
         )
-    if mission.changes:
-        raise InputError(f"{where}: changes: only `covey plan` acts on them; leave the key out to run the agents apart")
 
 
 def check_clear_starts(mission: Mission) -> None:

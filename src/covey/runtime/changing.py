@@ -89,6 +89,39 @@ def catalogue_of(change: ChangeSpec, planner: TeamPlanner, names: Sequence[str])
     return News(Catalogue(records), "reweighted" if alive else "removed", _numbers(records))
 
 
+def standing_mission(mission: Mission, planner: TeamPlanner, agents: Sequence[int]) -> Mission:
+    """Return a mission as it is after what the planner has learned, with the landmarks that are to be seen and these
+    agents only, numbered anew.
+    """
+    coverage = mission.coverage
+    if not isinstance(coverage.assignment, Assignment):  # it names landmarks by their first numbers
+        coverage = replace(coverage, assignment=Assignment.RANDOM)
+    return replace(
+        mission,
+        landmarks=planner.landmarks.subset(np.flatnonzero(planner.alive)),
+        agents=tuple(planner.agents[agent] for agent in agents),
+        coverage=coverage,
+        changes=(),
+    )
+
+
+def differences(planner: TeamPlanner, merged: Catalogue) -> list[News]:
+    """Return, as an operator's `News`, what a catalogue says that the planner has not learned yet."""
+    known, alive = planner.catalogue, planner.alive
+    landmarks: dict[str, dict[int, LandmarkChange]] = {"added": {}, "removed": {}, "reweighted": {}}
+    for k, record in sorted(merged.landmarks.items()):
+        seen = k < len(alive) and bool(alive[k])
+        if record != known.landmarks.get(k) and (seen or record.alive):
+            landmarks["removed" if not record.alive else "reweighted" if seen else "added"][k] = record
+    news = [News(Catalogue(records), event, _numbers(records)) for event, records in landmarks.items() if records]
+    for agent, change in sorted(merged.agents.items()):
+        if change != known.agents.get(agent):
+            here = change.present and not (agent < len(planner.agents) and known.is_present(agent))
+            event = "left" if not change.present else "joined" if here else ""
+            news += [News(Catalogue(agents={agent: change}), event, "")] if event else []
+    return news
+
+
 def _numbers(landmarks: Sequence[int] | dict[int, LandmarkChange]) -> str:
     shown = ", ".join(map(str, list(landmarks)[:8]))
     return f"landmarks {shown}{', ...' if len(landmarks) > 8 else ''}"
@@ -250,16 +283,7 @@ class ChangingTeam(Team):
         agents = [agent for agent, present in enumerate(self._present) if present]
         sets = self.sets()
         if self._standing is None or self._standing[0] is not catalogue:
-            coverage = self.mission.coverage
-            if not isinstance(coverage.assignment, Assignment):  # it names landmarks by their first numbers
-                coverage = replace(coverage, assignment=Assignment.RANDOM)
-            mission = replace(
-                self.mission,
-                landmarks=self.planner.landmarks.subset(landmarks),
-                agents=tuple(self.mission.agents[agent] for agent in agents),
-                coverage=coverage,
-                changes=(),
-            )
+            mission = standing_mission(self.mission, self.planner, agents)
             models = tuple(self.planner.models[agent] for agent in agents)
             self._standing = (catalogue, Standing(mission, models, tuple(agents), (), (), ()))
         return replace(

@@ -20,7 +20,7 @@ from covey.protocol import (
     NodeOptions,
 )
 from covey.protocol.records import OWNER
-from covey.runtime.agent import TeamPlanner, build_models, nearest_first
+from covey.runtime.agent import build_planner, nearest_first
 from covey.runtime.changing import catalogue_of
 from covey.runtime.plan import software_versions
 from covey.runtime.result import HistoryEntry, Progress
@@ -85,16 +85,14 @@ class LiveTeam(Team):
 
     def __init__(self, mission: Mission, *, watch: Watcher, steering: Steering) -> None:
         check_playable(mission)
-        coverage = mission.coverage
-        models = build_models(mission)
-        planner = TeamPlanner(mission, models, trade=coverage.trade, optimizer=coverage.optimizer, seed=mission.seed)
+        planner = build_planner(mission)
         self.dead: set[int] = set()
         super().__init__(mission, planner, seed=mission.seed, options=OPTIONS, delay=DELAY)
         self._lives = [1] * len(self.nodes)
         self._steering = steering
         steering.measure(lambda: self.bus.now, 0.1)
         steering.offer(Kill, Revive, SetLoss, SetWeight)
-        scene = describe(mission, models, run=Run.NETWORK, software=software_versions())
+        scene = describe(mission, planner.models, run=Run.NETWORK, software=software_versions())
         self._teller = TeamTeller(watch, self, scene)
 
     @property

@@ -19,13 +19,13 @@ from covey.geometry import Region
 from covey.mission import Mission, OptimizerName, SensorSpec, Trade
 from covey.optimize import PoseResult
 from covey.optimize.team_bound import require_built_in
-from covey.runtime.agent import LEAST_GAIN, TeamPlanner, build_models
+from covey.runtime.agent import LEAST_GAIN, build_planner
 from covey.runtime.baseline import greedy_lloyd
 from covey.runtime.certify import bound_team, build_certificate, prove_poses
 from covey.runtime.changing import ChangingTeam
-from covey.runtime.result import AgentResult, Deployment, PlanStatus, Progress
+from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.runtime.streams import Stream, generator
-from covey.runtime.team import Standing, Team, Travel
+from covey.runtime.team import Standing, Team, Travel, standing_results
 from covey.runtime.watching.feed import Run, Watcher
 from covey.runtime.watching.steering import Steering
 from covey.runtime.watching.telling import TeamTeller, describe
@@ -131,11 +131,8 @@ class PlanRun:
         travel: Travel | None = None,
     ) -> None:
         self.seed = mission.seed
-        self.models = build_models(mission)
-        coverage = mission.coverage
-        self.planner = TeamPlanner(
-            mission, self.models, trade=coverage.trade, optimizer=coverage.optimizer, seed=self.seed
-        )
+        self.planner = build_planner(mission)
+        self.models = tuple(self.planner.models)
         kind = ChangingTeam if mission.changes else Team
         self.team = kind(mission, self.planner, seed=self.seed, travel=travel)
         self.teller: TeamTeller | None = None
@@ -191,12 +188,6 @@ class PlanRun:
         if status is PlanStatus.INTERRUPTED:
             team.rescore()  # the interrupt may have come in the middle of an event
         standing = team.standing()
-        agents = tuple(
-            AgentResult(specification.name, pose, score, landmarks)
-            for specification, pose, score, landmarks in zip(
-                standing.mission.agents, standing.poses, standing.scores, standing.sets, strict=True
-            )
-        )
         return Deployment(
             mission=standing.mission,
             seed=self.seed,
@@ -208,7 +199,7 @@ class PlanRun:
             history=tuple(team.history),
             trades=team.trades,
             pose_optimizations=self.planner.optimizations,
-            agents=agents,
+            agents=standing_results(standing),
             certificate=certificate,
             software=dict(software_versions()),
             snapshots=team.finish(),

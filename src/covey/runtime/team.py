@@ -32,7 +32,7 @@ from covey.protocol import (
 from covey.runtime.agent import TeamPlanner, nearest_first
 from covey.runtime.airspace import Airspace, check_clear_starts
 from covey.runtime.links import build_links
-from covey.runtime.result import HistoryEntry, Scores, Snapshot
+from covey.runtime.result import AgentResult, HistoryEntry, Scores, Snapshot
 from covey.runtime.streams import Stream, generator
 from covey.sensing import VisibilityModel
 from covey.transports import Loopback
@@ -106,6 +106,16 @@ class Standing:
     poses: tuple[Pose2, ...]
     scores: tuple[float, ...]
     sets: tuple[NDArray[np.int64], ...]
+
+
+def standing_results(standing: Standing) -> tuple[AgentResult, ...]:
+    """Return where each agent is and what it watches."""
+    return tuple(
+        AgentResult(specification.name, pose, score, landmarks)
+        for specification, pose, score, landmarks in zip(
+            standing.mission.agents, standing.poses, standing.scores, standing.sets, strict=True
+        )
+    )
 
 
 class Onlooker(Protocol):

@@ -122,6 +122,8 @@ class Channel(enum.Enum):
     """To whoever listens; the newest wins."""
     LOG = "log"
     """To whoever listens; every one counts."""
+    CHANGE = "change"
+    """From an operator to all agents."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ LAYOUTS: Mapping[int, Layout] = {
         Channel.STATE,
     ),
     9: Layout(Map, {"records": RECORDS, "poses": POSE_RECORDS, "catalogue": CATALOGUE}),
-    10: Layout(Change, {"catalogue": CATALOGUE}),
+    10: Layout(Change, {"catalogue": CATALOGUE}, Channel.CHANGE),
     65: Layout(
         PoseOptimized,
         {"agent": AGENT, "pose": POSE, "before": FLOAT, "after": FLOAT, "cause": CAUSE},

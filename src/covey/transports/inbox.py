@@ -8,13 +8,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from covey.errors import ArgumentError, CodecError, Drop
-from covey.protocol import Heartbeat
+from covey.protocol import OPERATOR, Heartbeat, Sender
 from covey.transports.codec import EVERYBODY, LAYOUTS, Channel, Codec, Content, Envelope
 
 _CHANNELS = {layout.type: layout.channel for layout in LAYOUTS.values()}
 
 WINDOW = 1024
 """How far a message may be overtaken by others of its sender and is still taken."""
+
+MOST_OPERATORS = 64
+"""So many operators are told apart."""
 
 
 class ReplayGuard:
@@ -111,6 +114,7 @@ class Inbox:
         self._arrived = threading.Condition()
         self._taking = threading.Lock()
         self._guards: dict[int, ReplayGuard] = {}
+        self._operators: dict[int, ReplayGuard] = {}  # by incarnation: no life replaces another
         self._newest: dict[int, tuple[int, int]] = {}
         self._dropped: Counter[Drop] = Counter()
         self._count = 0
@@ -143,7 +147,8 @@ class Inbox:
                 self._count += 1
                 self._arrived.notify_all()
                 return
-            self._dropped[Drop.FULL] += not self._closed
+            if not self._closed:
+                self._dropped[Drop.FULL] += 1
         arrival.done(False)
 
     def wait(self, timeout: float) -> bool:
@@ -192,6 +197,13 @@ class Inbox:
             arrivals, self._arrivals, self._bytes = self._arrivals, deque(), 0
             return arrivals
 
+    def _guard(self, sender: Sender) -> ReplayGuard:
+        if sender.agent != OPERATOR:
+            return self._guards.setdefault(sender.agent, ReplayGuard())
+        if sender.incarnation not in self._operators and len(self._operators) >= MOST_OPERATORS:
+            del self._operators[next(iter(self._operators))]
+        return self._operators.setdefault(sender.incarnation, ReplayGuard())
+
     def _accept(self, arrival: Arrival) -> Envelope:
         envelope = self._codec.decode(arrival.data)
         sender, content = envelope.sender, envelope.content
@@ -200,7 +212,7 @@ class Inbox:
             raise CodecError(
                 Drop.IMPOSTOR, f"{type(content).__name__} of {sender.agent} by the key of {arrival.sender}"
             )
-        if not self._guards.setdefault(sender.agent, ReplayGuard()).passes(sender.incarnation, envelope.number):
+        if not self._guard(sender).passes(sender.incarnation, envelope.number):
             raise CodecError(Drop.REPLAYED, f"number {envelope.number} of {sender}")
         if isinstance(content, Heartbeat):
             state = sender.incarnation, content.sequence

@@ -65,12 +65,15 @@ class AccessList:
         The common name of each agent: it alone may speak as that agent.
     observers : tuple of str
         May listen to states and the log and ask for maps, and say nothing.
+    operators : tuple of str
+        May do what observers may, and change landmarks and agents.
     routers : tuple of str
         May pass on anything.
     """
 
     agents: Mapping[int, str]
     observers: tuple[str, ...] = ()
+    operators: tuple[str, ...] = ()
     routers: tuple[str, ...] = ()
 
 
@@ -194,6 +197,7 @@ def access_rules(access: AccessList, prefix: str) -> dict[str, Any]:
         _rule("members-out", "egress", _ALL, f"{prefix}/**"),
         _rule("members-listen", "ingress", _LISTEN, f"{prefix}/**"),
         _rule("observers-ask", "ingress", ["query"], f"{prefix}/map/*"),
+        _rule("operators-change", "ingress", ["put"], f"{prefix}/change"),
         _rule("routers-in", "ingress", _ALL, f"{prefix}/**"),
     ]
     subjects = []
@@ -217,6 +221,7 @@ def access_rules(access: AccessList, prefix: str) -> dict[str, Any]:
         policies.append({"rules": ["members-out", "members-listen", *own], "subjects": [speaks]})
     for subject, names, own in (
         ("observers", access.observers, ["members-listen", "observers-ask"]),
+        ("operators", access.operators, ["members-listen", "observers-ask", "operators-change"]),
         ("routers", access.routers, ["routers-in"]),
     ):
         if names:

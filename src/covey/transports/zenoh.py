@@ -6,6 +6,7 @@
     covey/<mission>/state/<agent>                 heartbeats; under congestion they are dropped, the next is newer
     covey/<mission>/log/<agent>                   events; under congestion the writer waits
     covey/<mission>/map/<agent>                   a query of an observer; the answer is all that the agent knows
+    covey/<mission>/change                        changes of landmarks and agents, from an operator
     covey/<mission>/alive/<agent>/<incarnation>   liveliness token
 """
 
@@ -21,7 +22,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from covey.errors import Drop
-from covey.protocol import Event, Heartbeat, Map, Message, Sender
+from covey.protocol import OPERATOR, Catalogue, Change, Event, Heartbeat, Map, Message, Sender
 from covey.transports.codec import EVERYBODY, Channel, Codec
 from covey.transports.inbox import Arrival, Inbox
 from covey.transports.network import NetworkOptions, mission_prefix, open_session
@@ -79,6 +80,7 @@ class ZenohTransport:
         self._session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
         self._session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
         self._session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
+        self._session.declare_subscriber(f"{self._prefix}/change", Callback(self._on_change, indirect=False))
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
             f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
@@ -296,6 +298,9 @@ class ZenohTransport:
     def _on_state(self, sample: zenoh.Sample) -> None:
         self._store(sample.payload, _agent(str(sample.key_expr)), Channel.STATE)
 
+    def _on_change(self, sample: zenoh.Sample) -> None:
+        self._store(sample.payload, OPERATOR, Channel.CHANGE)
+
     def _on_token(self, sample: zenoh.Sample) -> None:
         *_, agent_name, incarnation_name = str(sample.key_expr).split("/")
         agent, incarnation = _number(agent_name), _number(incarnation_name)
@@ -336,7 +341,7 @@ class ZenohTransport:
 
 
 class ZenohObserver:
-    """Hears the states and events of a mission; says nothing and only asks what agents know.
+    """Hears the states and events of a mission and asks what agents know; an operator's says what has changed.
 
     Parameters
     ----------
@@ -354,6 +359,8 @@ class ZenohObserver:
         self._codec = codec
         self._inbox = Inbox(codec, EVERYBODY)
         self._timeout = options.answer_timeout
+        self._life = time.time_ns() // 1000  # as an operator; no two need to be in order
+        self._number = 0
         self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
         self._prefix = prefix = mission_prefix(codec.digest)
         for channel in (Channel.STATE, Channel.LOG):
@@ -388,6 +395,19 @@ class ZenohObserver:
         """Leave: nothing arrives any more."""
         self._inbox.close()
         self._session.close()
+
+    def announce(self, news: Catalogue) -> None:
+        """Tell all agents of changes.  They may not hear of it, or not listen to it, so repeat it until maps show it.
+
+        Raises
+        ------
+        ArgumentError
+            If it is longer than the codec allows.
+        """
+        self._number += 1
+        change = Change(Sender(OPERATOR, self._life), news)
+        data = self._codec.encode(change, sender=change.sender, to=EVERYBODY, number=self._number)
+        self._session.put(f"{self._prefix}/change", data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def _on_map(self, reply: zenoh.Reply) -> None:
         sample = reply.ok

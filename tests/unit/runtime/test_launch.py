@@ -160,13 +160,14 @@ class Stranger(threading.Thread):
         session.declare_subscriber(f"{prefix}/state/*", overhear, allowed_origin=zenoh.Locality.REMOTE)
         pose = PoseRecord(99, 99, self.mission.agents[0].pose)
         while not self.stopped.wait(0.02):
-            for agent in range(codec.agents):
+            for agent in range(len(self.mission.agents)):
                 lie = Heartbeat(Sender(0, 2**40), 1, True, 1, pose, {}, {}, b"12345678")
                 foreign = other.encode(lie, sender=lie.sender, number=1)
-                impostor = codec.encode(lie, sender=Sender((agent + 1) % codec.agents, 1), number=1)
+                impostor = codec.encode(lie, sender=Sender((agent + 1) % len(self.mission.agents), 1), number=1)
                 for data in (b"", b"garbage", os.urandom(200), foreign, impostor):
                     session.put(f"{prefix}/state/{agent}", data)
                     session.put(f"{prefix}/log/{agent}", data)
+                    session.put(f"{prefix}/change", data)
                     session.get(f"{prefix}/trade/{agent}/1", zenoh.handlers.FifoChannel(4), payload=data, timeout=1.0)
             for key, data in list(overheard):
                 self.replayed += 1

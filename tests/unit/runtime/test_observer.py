@@ -184,11 +184,11 @@ def view_of(mission: Mission) -> ObservedTeam:
 
 
 def recomputed(view: ObservedTeam) -> list[float]:
+    standing = view.standing()
+    landmarks = [standing.mission.landmarks.subset(own) for own in standing.sets]
     return [
-        0.0
-        if i in view.dead
-        else float(view.models[i].visibility(view.poses[i].as_array()[None, :], landmarks)[0].sum())
-        for i, landmarks in enumerate(view.mission.landmarks.subset(own) for own in view.sets())
+        float(model.visibility(pose.as_array()[None, :], own)[0] @ own.weights)
+        for model, pose, own in zip(standing.models, standing.poses, landmarks, strict=True)
     ]
 
 
@@ -220,7 +220,7 @@ def test_events_change_the_view(mission: Mission) -> None:
         entry = view.history[-1]
         assert (entry.event, entry.agents, entry.score) == (kind, names, view.score)
         assert view.score == pytest.approx(sum(recomputed(view)) if gain is None else before + gain)
-        assert [agent.score for agent in view.agents()] == pytest.approx(recomputed(view))
+        assert list(view.standing().scores) == pytest.approx(recomputed(view))
     assert (view.trades, view.optimizations) == (1, 2)
 
 
@@ -253,8 +253,9 @@ def test_the_dead_are_blind_in_the_result(mission: Mission) -> None:
     view.take(AgentBuried(0, 1))
     n = len(mission.landmarks)
     view.settle(np.arange(n) % 2 * 2, dict(enumerate(view.poses)))
-    assert [agent.sensor.model for agent in view.present().agents] == ["anisotropic", "blind", "anisotropic"]
-    assert [len(agent.landmarks) for agent in view.agents()] == [n // 2, 0, n // 2]
-    assert view.agents()[1].score == 0.0
-    assert view.score == pytest.approx(sum(agent.score for agent in view.agents()))
+    standing = view.standing()
+    assert [agent.sensor.model for agent in standing.mission.agents] == ["anisotropic", "blind", "anisotropic"]
+    assert [len(own) for own in standing.sets] == [n // 2, 0, n // 2]
+    assert standing.scores[1] == 0.0
+    assert view.score == pytest.approx(sum(standing.scores))
     assert view.history[-1].score == view.score

@@ -12,9 +12,21 @@ from tests.contents import AGENTS, CODEC, LANDMARKS
 
 from covey.errors import ArgumentError, Drop
 from covey.geometry import Pose2
-from covey.protocol import Busy, Heartbeat, OfferDeclined, PoseRecord, Reason, Sender, TradeId
+from covey.protocol import (
+    OPERATOR,
+    Busy,
+    Catalogue,
+    Change,
+    Heartbeat,
+    LandmarkChange,
+    OfferDeclined,
+    PoseRecord,
+    Reason,
+    Sender,
+    TradeId,
+)
 from covey.transports.codec import EVERYBODY, Channel, Codec, Content
-from covey.transports.inbox import WINDOW, Arrival, Inbox, ReplayGuard
+from covey.transports.inbox import MOST_OPERATORS, WINDOW, Arrival, Inbox, ReplayGuard
 
 
 def busy(number: int, agent: int = 1) -> Busy:
@@ -92,6 +104,35 @@ def test_what_comes_by_a_way_not_its_own_is_dropped(inbox: Inbox) -> None:
     inbox.put(arrival(declined, 6))
     assert inbox.take() == []
     assert inbox.dropped == {Drop.IMPOSTOR: 6}
+
+
+def change(life: int, number: int, *, key: int = OPERATOR, channel: Channel = Channel.CHANGE) -> Arrival:
+    news = Catalogue({1: LandmarkChange(life, True, 2.0, 0.0, 0.0)})
+    content = Change(Sender(OPERATOR, life), news)
+    return Arrival(CODEC.encode(content, sender=content.sender, number=number), key, channel)
+
+
+def test_a_change_comes_by_its_own_way_alone_and_each_operator_counts_for_itself(inbox: Inbox) -> None:
+    for arrived in (change(7, 1), change(5, 1), change(7, 2), change(7, 2), change(5, 1)):
+        inbox.put(arrived)
+    heard = [content for content in inbox.take() if isinstance(content, Change)]
+    assert [content.sender.incarnation for content in heard] == [7, 5, 7]
+    assert inbox.dropped == {Drop.REPLAYED: 2}
+    inbox.put(change(9, 1, key=1, channel=Channel.STATE))
+    inbox.put(change(9, 2, key=1))
+    inbox.put(arrival(busy(1), 1, to=EVERYBODY, key=OPERATOR, channel=Channel.CHANGE))
+    assert inbox.take() == []
+    assert inbox.dropped[Drop.IMPOSTOR] == 3
+
+
+def test_only_so_many_operators_are_told_apart(inbox: Inbox) -> None:
+    for life in range(MOST_OPERATORS + 1):
+        inbox.put(change(life, 1))
+    assert len(inbox.take()) == MOST_OPERATORS + 1
+    inbox.put(change(MOST_OPERATORS, 1))
+    assert inbox.take() == []
+    inbox.put(change(0, 1))  # long forgotten; to hear the same again changes nothing
+    assert len(inbox.take()) == 1
 
 
 def test_garbage_and_strangers_are_dropped_and_counted(inbox: Inbox) -> None:

@@ -15,7 +15,18 @@ from tests.net import free_endpoint, wait_until
 
 from covey.errors import Drop, NetworkError
 from covey.geometry import Pose2
-from covey.protocol import Busy, Heartbeat, Map, PoseRecord, RecordSlice, Sender, TradeId
+from covey.protocol import (
+    Busy,
+    Catalogue,
+    Change,
+    Heartbeat,
+    LandmarkChange,
+    Map,
+    PoseRecord,
+    RecordSlice,
+    Sender,
+    TradeId,
+)
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
@@ -91,7 +102,9 @@ def guarded(stack: ExitStack, tmp_path: Path) -> Guarded:
 
 @pytest.fixture
 def listed(stack: ExitStack, tmp_path: Path) -> Guarded:
-    return Guarded(stack, tmp_path, AccessList({0: "zero", 1: "one", 2: "two"}, observers=("eye",)))
+    return Guarded(
+        stack, tmp_path, AccessList({0: "zero", 1: "one", 2: "two"}, observers=("eye",), operators=("chief",))
+    )
 
 
 def test_members_talk(guarded: Guarded) -> None:
@@ -177,6 +190,36 @@ def test_an_observer_on_the_list_may_ask_for_maps_and_nobody_else_answers(listed
     wait_until(asked, "the map arrives")
     assert all(isinstance(message, Map) and message.sender == known.sender for message in heard)
     assert observer.dropped == {}
+
+
+NEWS = Catalogue({1: LandmarkChange(1, True, 4.0, 0.5, 0.5)})
+
+
+def test_an_operator_on_the_list_makes_changes_and_asks_for_maps(listed: Guarded) -> None:
+    operator = ZenohObserver(CODEC, listed.options(listed.authority.issue("chief")))
+    listed.stack.callback(operator.close)
+    heard: list[object] = []
+
+    def told() -> bool:
+        operator.announce(NEWS)
+        heard.extend(listed.a.receive())
+        return bool(heard)
+
+    wait_until(told, "the change arrives")
+    assert all(isinstance(message, Change) and message.catalogue == NEWS for message in heard)
+    operator.ask_for_maps()
+    wait_until(lambda: listed.a.map_wanted, "the question arrives")
+
+
+@pytest.mark.parametrize("name", ["eye", "two", "mallory"])
+def test_nobody_else_on_the_list_makes_changes(listed: Guarded, name: str) -> None:
+    stranger = ZenohObserver(CODEC, listed.options(listed.authority.issue(name)))
+    listed.stack.callback(stranger.close)
+    for _ in range(5):
+        stranger.announce(NEWS)
+        time.sleep(LONG_ENOUGH / 5)
+    assert listed.a.receive() == listed.b.receive() == []
+    listed.require_going_on()
 
 
 def test_a_router_enforces_the_list_for_its_clients(stack: ExitStack, tmp_path: Path) -> None:

@@ -11,27 +11,33 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 
+from covey.errors import Drop, InputError
 from covey.mission import Mission
-from covey.protocol import Event, Sender, TradeCommitted
+from covey.protocol import EMPTY, Catalogue, Event, Sender, TradeCommitted
+from covey.runtime.agent import build_planner
 from covey.runtime.network.agent_state import AgentDirectory, await_life, first_life
 from covey.runtime.network.network_file import NetworkPlan
+from covey.runtime.network.observer import Observer
 from covey.runtime.network.remote_agent import (
     LINGER,
     RemoteAgent,
-    build_planner,
     join_mission,
     mission_codec,
     warm_up,
 )
 from covey.runtime.network.remote_vehicle import build_vehicle
 from covey.transports.network import report_refusals
-from covey.transports.zenoh import ZenohTransport
+from covey.transports.zenoh import ZenohObserver, ZenohTransport
+
+ASK_TICK = 0.1
+"""How long who asks for itself listens at a time, seconds."""
 
 KEEP_EVERY = 1.0
 """Seconds between two times that an agent writes down what it knows, while that changes."""
@@ -47,6 +53,8 @@ class Ending(enum.Enum):
     INTERRUPTED = "interrupted"
     SUPERSEDED = "superseded"
     """A newer life of it is on the network."""
+    LEFT = "left"
+    """An operator let it go."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +63,8 @@ class AgentSettings:
 
     Parameters
     ----------
-    number : int
-        Its place in the mission.
+    name : str
+        Of an agent of the mission, or of one that an operator lets join it.
     network : NetworkPlan
     state : Path or None
         Where it keeps what a restart begins with.
@@ -70,7 +78,7 @@ class AgentSettings:
         Stay when the mission is over, and leave when standard input closes.
     """
 
-    number: int
+    name: str
     network: NetworkPlan
     state: Path | None = None
     vehicles: str = "none"
@@ -186,7 +194,7 @@ def run_agent(
     InputError
         If a sensor or a vehicle cannot be built.
     NetworkError
-        If the network cannot be joined.
+        If the network cannot be joined, or nobody there knows the agent.
     OutputError
         If the state cannot be written.
     SolverError
@@ -220,6 +228,7 @@ class _Life:
         self._warn, self._tell = warn, tell
         self._began = time.monotonic()
         self._start_s: dict[str, float] = {}
+        self._troubles: set[str] = set()
         self._trades = 0
         self._kept: object = None
         self._keep_at = 0.0
@@ -227,15 +236,16 @@ class _Life:
     def run(self) -> AgentReport:
         """Live."""
         mission, settings = self._mission, self._settings
-        number = settings.number
-        codec = mission_codec(mission)
+        codec, planner = mission_codec(mission), build_planner(mission)
+        number, catalogue = self._who_am_i()
+        planner.learn(catalogue)
+        grown = replace(mission, agents=tuple(planner.agents))
         directory = None if settings.state is None else AgentDirectory(settings.state, number, codec, self._warn)
         life = first_life() if directory is None else directory.next_life()
         remembered = None if directory is None else directory.recall()
-        start = mission.agents[number].pose if remembered is None else remembered.pose
-        warm_up(mission, number, settings.vehicles)
-        planner = build_planner(mission)
-        vehicle = build_vehicle(mission, number, settings.vehicles, start, time.monotonic())
+        start = grown.agents[number].pose if remembered is None else remembered.pose
+        warm_up(grown, number, settings.vehicles)
+        vehicle = build_vehicle(grown, number, settings.vehicles, start, time.monotonic())
         self._took("warm_up")
         await_life(life)
         with ExitStack() as stack:
@@ -248,12 +258,14 @@ class _Life:
                 planner=planner,
                 memory=None if remembered is None else remembered.memory,
                 times=settings.network.times,
+                catalogue=catalogue,
                 vehicle=vehicle,
                 on_event=lambda event: self._on_event(transport, event),
+                on_trouble=self._on_trouble,
             )
             stack.enter_context(closing(agent))
             self._took("join")
-            self._assemble(agent, transport, patient=remembered is None)
+            self._assemble(agent, transport, patient=remembered is None and not catalogue)
             self._took("assemble")
             stack.callback(self._keep, agent, directory, at_once=True)
             over = agent.run(
@@ -264,15 +276,18 @@ class _Life:
             )
             ending = self._ending(agent, over=over)
             self._tell_end(agent, ending)
+            dropped = Counter({cause.value: count for cause, count in transport.dropped.items()})
+            if agent.unreadable:
+                dropped[Drop.MALFORMED.value] += agent.unreadable
             return AgentReport(
-                name=mission.agents[number].name,
+                name=settings.name,
                 incarnation=life,
                 ending=ending,
                 over=over,
                 remembered=remembered is not None,
                 trades=self._trades,
                 optimizations=planner.optimizations,
-                dropped={cause.value: count for cause, count in transport.dropped.items()},
+                dropped=dict(dropped),
                 unanswered=transport.unanswered,
                 unsent=transport.unsent,
                 other_missions=sorted(transport.other_missions),
@@ -280,18 +295,44 @@ class _Life:
                 start_s=self._start_s,
             )
 
+    def _who_am_i(self) -> tuple[int, Catalogue]:
+        """Return the agent's number, and what it must know first; who is not in the mission file asks the others."""
+        mission, settings = self._mission, self._settings
+        names = [specification.name for specification in mission.agents]
+        if settings.name in names:
+            return names.index(settings.name), EMPTY
+        self._tell("is not in the mission file; asks the others")
+        with closing(ZenohObserver(mission_codec(mission), settings.network.options)) as access:
+            observer = Observer(mission, access, times=settings.network.times)
+            end = time.monotonic() + settings.patience
+            while time.monotonic() < end and not self._wish():
+                observer.step(ASK_TICK)
+                observer.ask_soon()
+                team = observer.team
+                if settings.name in team.names[len(names) :] and team.names.index(settings.name) not in team.gone:
+                    return team.names.index(settings.name), team.planner.catalogue
+        raise InputError(
+            f"--name: expected an agent of the mission: {', '.join(names)}; or one that joins it, got "
+            f"{settings.name!r}, of whom nobody on the network knows; let it join with `covey change --join`"
+        )
+
+    def _on_trouble(self, text: str) -> None:
+        if text not in self._troubles:
+            self._troubles.add(text)
+            self._warn(f"cannot take in a change of the mission: {text}")
+
     def _assemble(self, agent: RemoteAgent, transport: ZenohTransport, *, patient: bool) -> None:
         names = [specification.name for specification in self._mission.agents]
         others = len(names) - 1
         if not patient:
             agent.assemble(math.inf, self._settings.network.times.dead_after, self._wish)
-            self._tell("begins again where it was")
+            self._tell("begins again where it was" if self._settings.name in names else "joins")
             return
         patience = self._settings.patience
         if others:
             self._tell(f"waits for {others} others")
         if not agent.assemble(others, patience, self._wish) and not self._wish():
-            here = {peer.agent for peer in transport.peers} | {self._settings.number}
+            here = {peer.agent for peer in transport.peers} | {transport.agent}
             absent = ", ".join(name for number, name in enumerate(names) if number not in here)
             self._warn(f"begins without {absent}, not heard of in {patience:g} s")
             missions = len(transport.other_missions)
@@ -311,7 +352,7 @@ class _Life:
         if directory is None or (time.monotonic() < self._keep_at and not at_once):
             return
         node = agent.node
-        known = (node.records.changes, node.poses.changes, agent.vehicle.pose, node.avoid)
+        known = (node.records.changes, node.poses.changes, node.catalogue.digest, agent.vehicle.pose, node.avoid)
         if known != self._kept:
             directory.keep(node.sender, node.memory(), agent.vehicle.pose)
             self._kept = known
@@ -322,6 +363,8 @@ class _Life:
             return Ending.SUPERSEDED
         if self._wish.ending is not None:
             return self._wish.ending
+        if agent.node.left:
+            return Ending.LEFT
         return Ending.OVER if over else Ending.TIMEOUT
 
     def _tell_end(self, agent: RemoteAgent, ending: Ending) -> None:

@@ -17,14 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from covey.errors import NetworkError
-from covey.mission import Mission
+from covey.mission import ChangeSpec, Mission
 from covey.runtime.certify import build_certificate, prove_poses
 from covey.runtime.network.child import Child, Exit
 from covey.runtime.network.network_file import OBSERVER, NetworkPlan
 from covey.runtime.network.observer import Observer
+from covey.runtime.network.operator import Operator
 from covey.runtime.network.remote_agent import mission_codec, warm_up
 from covey.runtime.plan import software_versions
 from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.runtime.team import standing_results
 from covey.transports.zenoh import ZenohObserver
 
 TICK = 0.05
@@ -35,6 +37,9 @@ FAREWELL = 5.0
 
 RESTART_AFTER = 0.5
 """Seconds before a process that died is started again."""
+
+DEAF = 10.0
+"""How long all agents may take to hear of a change, seconds, before it is plain that they do not listen."""
 
 HOPELESS = 5
 """A process that has died so often in a row without having been heard is not started again."""
@@ -224,9 +229,11 @@ class _Launch:
         self._on_progress = on_progress
         self._on_observer = on_observer
         self._on_endpoints = on_endpoints
-        self._names = [agent.name for agent in mission.agents]
+        self._first = len(mission.agents)
+        self._changes: list[ChangeSpec] = [] if path is None else list(mission.changes)
+        self._changed_at = 0.0
         self._children: dict[int, Child] = {}
-        self._failures = dict.fromkeys(range(len(self._names)), 0)
+        self._failures: Counter[int] = Counter()
         self._restarts: dict[int, float] = {}  # when to start whom again
         self._exits: list[Exit] = []
         self._refused: Counter[str] = Counter()
@@ -251,11 +258,11 @@ class _Launch:
             state = self._options.state
             if state is None and self._path is not None:
                 state = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="covey-launch-")))
-            observer = self._observer(stack, endpoints)
-            stack.enter_context(self._team(endpoints, state))
+            observer, operator = self._observer(stack, endpoints)
+            stack.enter_context(self._team(observer, endpoints, state))
             settled = False
             with contextlib.suppress(KeyboardInterrupt):
-                settled = self._watch(observer, endpoints, state)
+                settled = self._watch(observer, operator, endpoints, state)
             over_at = self._time
             if settled:
                 self._release()
@@ -278,17 +285,20 @@ class _Launch:
     # The team.
 
     def _endpoints(self) -> list[str]:
-        """Return where each agent listens, and last the observer, to which all connect so that it misses nothing."""
+        """Return where each agent listens, who joins later too, and last the observer, to which all connect so that it
+        misses nothing.
+        """
         if self._path is None:
             return list(self._connect)
         protocol = "tcp" if self._options.network.options.credentials is None else "tls"
+        most = self._first + sum(change.join is not None for change in self._changes)
         with ExitStack() as stack:
-            probes = [stack.enter_context(socket.socket()) for _ in range(len(self._names) + 1)]
+            probes = [stack.enter_context(socket.socket()) for _ in range(most + 1)]
             for probe in probes:
                 probe.bind(("127.0.0.1", 0))
             return [f"{protocol}/127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
 
-    def _observer(self, stack: ExitStack, endpoints: Sequence[str]) -> Observer:
+    def _observer(self, stack: ExitStack, endpoints: Sequence[str]) -> tuple[Observer, Operator]:
         network = self._options.network.for_name(OBSERVER)
         if self._path is None:
             joined = replace(network.options, connect=tuple(endpoints))
@@ -298,24 +308,24 @@ class _Launch:
         stack.enter_context(closing(access))
         observer = Observer(self.mission, access, times=network.times)
         self._on_observer(observer)
-        return observer
+        return observer, Operator(observer, access, joining=self._options.network.joining)
 
     @contextlib.contextmanager
-    def _team(self, endpoints: Sequence[str], state: Path | None) -> Iterator[None]:
+    def _team(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> Iterator[None]:
         try:
             if self._path is not None:
-                for agent in range(len(self._names)):
-                    self._start(agent, endpoints, state)
+                for agent in range(self._first):
+                    self._start(agent, observer, endpoints, state)
             yield
         finally:
             for agent, child in list(self._children.items()):
                 child.close()
                 self._note_exit(agent, wanted=True)
 
-    def _start(self, agent: int, endpoints: Sequence[str], state: Path | None) -> None:
-        options = self._options
+    def _start(self, agent: int, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
+        options, name = self._options, observer.team.names[agent]
         others = [endpoint for other, endpoint in enumerate(endpoints) if other != agent]
-        arguments = ["agent", "--name", self._names[agent], "--mission", str(self._path), "--attached", "--json"]
+        arguments = ["agent", "--name", name, "--mission", str(self._path), "--attached", "--json"]
         arguments += ["--quiet", "--seed", str(self.mission.seed), "--listen", endpoints[agent]]
         arguments += [word for endpoint in others for word in ("--connect", endpoint)]
         arguments += ["--vehicles", options.vehicles, "--wait", str(options.patience)]
@@ -323,22 +333,52 @@ class _Launch:
             arguments += ["--state", str(state)]
         if options.network_file is not None:
             arguments += ["--network", str(options.network_file)]
-        self._children[agent] = Child(self._names[agent], arguments)
+        self._children[agent] = Child(name, arguments)
 
-    def _watch(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> bool:
+    def _watch(self, observer: Observer, operator: Operator, endpoints: Sequence[str], state: Path | None) -> bool:
         """Wait until the mission is over; whether it is."""
         while self._time < self._options.timeout:
             observer.step(TICK)
+            operator.step()
             self._look_after(observer, endpoints, state)
-            living = observer.living
-            if self._all_there is None and len(living) == len(self._names):
+            if self._all_there is None and len(observer.living) == self._first:
                 self._all_there = self._time
+            if self._change(observer, operator):
+                self._start_joined(observer, endpoints, state)
             view = observer.team
             stage = "starting" if self._all_there is None else "trading"
             self._on_progress(Progress(stage, view.score, view.trades))
-            if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
+            calm = self._time >= self._calm_at and not self._changes and operator.told
+            if calm and self._is_complete(observer) and observer.over:
                 return observer.settle()
         return False
+
+    def _change(self, observer: Observer, operator: Operator) -> bool:
+        """Make the next change of the mission if its moment has come; whether one is made."""
+        if not self._changes or self._all_there is None:
+            return False
+        if not operator.told:
+            if self._time > self._changed_at + DEAF:
+                raise NetworkError(
+                    "the agents do not hear of a change; with an access list, name the certificate of the observer "
+                    "among access.operators"
+                )
+            return False
+        change = self._changes[0]
+        due = change.after_trades is not None and observer.team.trades >= change.after_trades
+        due |= change.at is not None and self._time >= self._all_there + change.at
+        due |= self._is_complete(observer) and observer.over
+        if due:
+            operator.change(self._changes.pop(0))
+            self._changed_at = self._time
+        return due
+
+    def _start_joined(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
+        """Start a process for who has joined."""
+        for agent in range(self._first, len(observer.team.names)):
+            if agent not in self._children and agent not in self._failures and agent not in observer.team.gone:
+                self._failures[agent] = 0
+                self._start(agent, observer, endpoints, state)
 
     def _is_complete(self, observer: Observer) -> bool:
         """Whether those that are heard are those that run, and nothing else is to happen to them."""
@@ -360,11 +400,14 @@ class _Launch:
         for agent, at in list(self._restarts.items()):
             if now >= at:
                 del self._restarts[agent]
-                self._start(agent, endpoints, state)
+                self._start(agent, observer, endpoints, state)
 
     def _bury(self, agent: int, observer: Observer) -> None:
         child = self._children[agent]
-        last = self._note_exit(agent, wanted=child.killed)
+        has_left = agent in observer.team.gone
+        last = self._note_exit(agent, wanted=child.killed or has_left)
+        if has_left:
+            return
         heard = agent in observer.living
         self._failures[agent] = 0 if heard else self._failures[agent] + 1
         if self._options.restart and self._failures[agent] < HOPELESS and last.code != 2:
@@ -407,16 +450,14 @@ class _Launch:
     # What came out.
 
     def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
-        view = observer.team
-        mission = view.present()
-        poses, sets = tuple(view.poses), view.sets()
+        view, standing = observer.team, observer.team.standing()
+        mission, poses, sets = standing.mission, standing.poses, standing.sets
         certificate = None
         proved = time.monotonic()
         if settled:
             self._on_progress(Progress("proving", view.score, view.trades))
-            models = view.present_models()
-            proofs = prove_poses(mission, models, poses, sets, range(len(sets)), seed=mission.seed)
-            certificate = build_certificate(mission, models, poses, sets, proofs)
+            proofs = prove_poses(mission, standing.models, poses, sets, range(len(sets)), seed=mission.seed)
+            certificate = build_certificate(mission, standing.models, poses, sets, proofs)
         timing = {"start": start, "trading": end - start, "proof": time.monotonic() - proved}
         known = {name: seconds for name, seconds in timing.items() if seconds == seconds}
         optimizations = sum(report["optimizations"] for report in self._reports)
@@ -431,7 +472,7 @@ class _Launch:
             history=tuple(view.history),
             trades=view.trades,
             pose_optimizations=max(optimizations, view.optimizations),
-            agents=view.agents(),
+            agents=standing_results(standing),
             certificate=certificate,
             software=dict(software_versions()),
             snapshots=view.finish(),

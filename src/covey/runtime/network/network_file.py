@@ -36,7 +36,9 @@ class _Credentials(Section):
 
 class _Access(Section):
     agents: dict[str, FileName]
+    joining: dict[str, FileName] = Field(default_factory=dict)
     observers: list[FileName] = Field(default_factory=list)
+    operators: list[FileName] = Field(default_factory=list)
     routers: list[FileName] = Field(default_factory=list)
 
 
@@ -64,10 +66,13 @@ class NetworkPlan:
     options : NetworkOptions
         The credentials' files may have ``{name}`` in their names: see `for_name`.
     times : MembershipOptions
+    joining : tuple of str or None
+        With an access list: the names of those that may join, in the order in which they may.
     """
 
     options: NetworkOptions = field(default_factory=lambda: NetworkOptions(lease=LEASE))
     times: MembershipOptions = NETWORK_TIMES
+    joining: tuple[str, ...] | None = None
 
     def for_name(self, name: str) -> NetworkPlan:
         """Return the same with the name of an agent, or `OBSERVER`, in the names of the credentials' files."""
@@ -168,7 +173,7 @@ def _read(data: object, report: Report, folder: Path, mission: Mission) -> Netwo
         access=access,
     )
     times = MembershipOptions(file.heartbeat_s, file.dead_after_s, file.map_s, Adopt(file.adopt))
-    return NetworkPlan(options, times)
+    return NetworkPlan(options, times, None if file.access is None else tuple(file.access.joining))
 
 
 def _access(given: _Access | None, report: Report, mission: Mission) -> AccessList | None:
@@ -177,8 +182,11 @@ def _access(given: _Access | None, report: Report, mission: Mission) -> AccessLi
     numbers = {agent.name: number for number, agent in enumerate(mission.agents)}
     for name in given.agents.keys() - numbers.keys():
         report.add(("access", "agents", name), f"expected an agent of the mission: {', '.join(sorted(numbers))}")
+    for name in given.joining.keys() & numbers.keys():
+        report.add(("access", "joining", name), "expected an agent that is not in the mission from its beginning")
     agents = {numbers[name]: common for name, common in given.agents.items() if name in numbers}
-    return AccessList(agents, tuple(given.observers), tuple(given.routers))
+    agents |= {len(numbers) + i: common for i, common in enumerate(given.joining.values())}
+    return AccessList(agents, tuple(given.observers), tuple(given.operators), tuple(given.routers))
 
 
 def _one(endpoint: str | None) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from covey.protocol import Heartbeat, LandmarksAdopted, TradeCommitted
 from covey.runtime.network.observer import Heard, Observer
 from covey.runtime.plan import software_versions
-from covey.runtime.watching.feed import Activity, Ended, Health, Run, TeamState, Watcher
+from covey.runtime.watching.feed import Activity, Ended, Health, Run, Scene, TeamState, Watcher, Weights
 from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, pose_rows
 
 HEALTH_EVERY = 1.0
@@ -34,25 +35,55 @@ class NetworkTeller(Teller):
     """
 
     def __init__(self, watch: Watcher, observer: Observer, *, dead_after: float) -> None:
-        mission, team = observer.mission, observer.team
-        super().__init__(watch, describe(mission, team.models, run=Run.NETWORK, software=software_versions()))
-        m = len(mission.agents)
+        team = observer.team
         self._observer = observer
-        self._names = [agent.name for agent in mission.agents]
+        super().__init__(watch, self._describe())
         self._dead_after = dead_after
-        self._heard = np.full(m, np.nan)
-        self._quiescent = np.zeros(m, dtype=np.bool_)
+        self._heard = np.empty(0)
+        self._quiescent = np.empty(0, dtype=np.bool_)
+        self._catalogue = team.planner.catalogue
         self._entries = len(team.history)
         self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
         self._healthy_at = -math.inf
+        self._begin()
+        observer.subscribe(self.hear)
+
+    def _describe(self) -> Scene:
+        team = self._observer.team
+        mission = replace(
+            team.first_mission, landmarks=team.planner.landmarks, agents=tuple(team.planner.agents), changes=()
+        )
+        return describe(mission, team.planner.models, run=Run.NETWORK, software=software_versions())
+
+    def _begin(self) -> None:
+        """Tell the scene, at the start and when it changes, and the state."""
+        self._names = self._observer.team.names
+        more = len(self._names) - len(self._heard)
+        self._heard = np.append(self._heard, np.full(more, np.nan))
+        self._quiescent = np.append(self._quiescent, np.zeros(more, dtype=np.bool_))
         self.tell(self.scene)
         self.state(self._state())
-        observer.subscribe(self.hear)
+
+    def _look_for_changes(self) -> None:
+        """Tell of landmarks and agents that are others, if there are any."""
+        planner = self._observer.team.planner
+        if planner.catalogue is self._catalogue:
+            return
+        self._catalogue = planner.catalogue
+        if len(planner.agents) > len(self._names) or len(planner.landmarks) > len(self.view.weights):
+            self.scene = self._describe()
+            self._begin()
+        else:
+            changed = np.flatnonzero(planner.weights != self.view.weights)
+            if len(changed):
+                self.tell(Weights(self._observer.time, changed.astype(np.int32), planner.weights[changed].copy()))
 
     def hear(self, item: Heard) -> None:
         """Take in what the observer heard."""
         if isinstance(item.content, Heartbeat):
             agent = item.content.sender.agent
+            if agent >= len(self._heard):
+                return  # of whom nothing is known yet
             self._heard[agent] = item.time
             self._quiescent[agent] = item.content.quiescent
         elif isinstance(item.content, TradeCommitted):
@@ -73,6 +104,7 @@ class NetworkTeller(Teller):
     def _tell_history(self, *, as_heard: bool) -> None:
         """Tell new entries of the history; what is heard together is in it before any of it is heard here."""
         now, team = self._observer.time, self._observer.team
+        self._look_for_changes()
         while self._entries < len(team.history):
             entry = team.history[self._entries]
             counts = self._moved.get(entry.event)
@@ -81,7 +113,10 @@ class NetworkTeller(Teller):
             self._entries += 1
             if entry.event in KINDS:
                 agents = tuple(self._names.index(name) for name in entry.agents)
-                text = change_text(entry.event, entry.agents, counts.popleft() if counts else 0, entry.score)
+                if entry.detail:
+                    text = f"{entry.detail} {entry.event}; score {entry.score:.2f}"
+                else:
+                    text = change_text(entry.event, entry.agents, counts.popleft() if counts else 0, entry.score)
                 self.change(now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text)
         for counts in self._moved.values():
             counts.clear()
@@ -106,6 +141,7 @@ class NetworkTeller(Teller):
         activity[silence > self._dead_after] = Activity.DEAD
         activity[list(self._observer.team.dead)] = Activity.DEAD
         activity[np.isnan(self._heard)] = Activity.GONE
+        activity[list(self._observer.team.gone)] = Activity.GONE
         return activity
 
     def _poses(self) -> NDArray[np.float64]:
@@ -123,7 +159,7 @@ class NetworkTeller(Teller):
             team.owner.astype(np.int32),
             self._poses(),
             self._scores(),
-            self._observer.mission.landmarks.weights.copy(),
+            team.planner.weights.copy(),
             self._activity(),
             np.empty(0, dtype=np.int32),
             team.trades,

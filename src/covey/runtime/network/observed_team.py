@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.coverage import agent_scores, team_visibility
 from covey.geometry import Pose2
 from covey.mission import Mission, SensorSpec
 from covey.protocol import (
     AgentBuried,
     AgentReturned,
+    Catalogue,
     Cause,
     Event,
     LandmarksAdopted,
@@ -24,9 +24,11 @@ from covey.protocol import (
     WaypointAbandoned,
 )
 from covey.protocol.records import FIRST_GENERATION, GENERATION
-from covey.runtime.agent import build_models
-from covey.runtime.result import AgentResult, HistoryEntry, Scores, Snapshot
-from covey.sensing import VisibilityModel, build_model
+from covey.runtime.agent import build_planner
+from covey.runtime.changing import differences, standing_mission
+from covey.runtime.result import HistoryEntry, Scores, Snapshot
+from covey.runtime.team import Standing
+from covey.sensing import build_model
 
 CLOSE = 1e-9
 """Relative difference of two scores that are the same."""
@@ -44,24 +46,30 @@ class ObservedTeam:
     Notes
     -----
     Events of different agents may come in another order than they happened in.  So a trade or a better pose adds what
-    it gained to the team's score, whatever else is known, and only a death, a return or an adoption makes it that of
-    what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place of
-    everything.  The dead see nothing.
+    it gained to the team's score, whatever else is known, and only a death, a return, an adoption or a change makes it
+    that of what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place
+    of everything.  The dead see nothing.
 
     Attributes
     ----------
     score : float
         Team score, eq. (4.5).
+    owner : array, shape (n,)
+        -1: nobody, it is removed or its owner has left.
+    planner : TeamPlanner
+        Knows landmarks, agents and sensors as they are now.
     """
 
     def __init__(self, mission: Mission, owner: NDArray[np.int64]) -> None:
-        self.mission = mission
-        self.models = build_models(mission)
+        self.first_mission = mission
+        self.planner = build_planner(mission)
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = owner.copy()
         self._generation = np.zeros(len(owner), dtype=np.int64)
         self.trades = 0
         self.optimizations = 0
+        self.gone: frozenset[int] = frozenset()
+        """Who has left for good."""
         self._buried: set[int] = set()
         self._returned: set[Sender] = set()
         self._living: frozenset[int] = frozenset()
@@ -70,8 +78,61 @@ class ObservedTeam:
         self.history = [HistoryEntry("initial", (), self.score)]
         self.snapshots = [self._snapshot("initial")]
 
+    @property
+    def names(self) -> list[str]:
+        """The names of all agents that ever took part."""
+        return [agent.name for agent in self.planner.agents]
+
+    def learn(self, catalogue: Catalogue) -> bool:
+        """Take in that landmarks or agents are others; whether that is news.
+
+        Raises
+        ------
+        InputError
+            If it describes an agent that cannot be built; nothing is learned then.
+        """
+        planner = self.planner
+        news = differences(planner, catalogue)
+        before = planner.catalogue
+        planner.learn(catalogue)
+        if planner.catalogue is before:
+            return False
+        more = len(planner.landmarks) - len(self.owner)
+        self.owner = np.append(self.owner, np.full(more, -1, dtype=np.int64))
+        self._generation = np.append(self._generation, np.zeros(more, dtype=np.int64))
+        self.poses += [agent.pose for agent in planner.agents[len(self.poses) :]]
+        self.gone = frozenset(agent for agent, record in planner.catalogue.agents.items() if not record.present)
+        self.owner[~planner.alive | np.isin(self.owner, list(self.gone))] = -1
+        self.scores = self._all_scores()
+        self.score = self._known_score()
+        for item in news:
+            names = tuple(self.names[agent] for agent in item.catalogue.agents)
+            self.history.append(HistoryEntry(item.event, names, self.score, item.detail or ", ".join(names)))
+        self.snapshots = []
+        return True
+
+    def knows(self, event: Event) -> bool:
+        """Whether all agents and landmarks that an event names are known."""
+        agents = [
+            getattr(event, name)
+            for name in ("agent", "client", "server", "dead", "joined", "left")
+            if hasattr(event, name)
+        ]
+        landmarks = [
+            getattr(event, name)
+            for name in ("landmarks", "client_landmarks", "server_landmarks")
+            if hasattr(event, name)
+        ]
+        if isinstance(event, AgentReturned):
+            agents.append(event.returned.agent)
+        if isinstance(event, LandmarksAdopted):
+            landmarks.append(event.records.indices)
+        return all(agent < len(self.poses) for agent in agents) and all(
+            not len(some) or some[-1] < len(self.owner) for some in landmarks
+        )
+
     def take(self, event: Event) -> None:
-        """Note an event."""
+        """Note an event; `knows` tells whether it can be."""
         match event:
             case PoseOptimized():
                 self.poses[event.agent] = event.pose
@@ -98,7 +159,7 @@ class ObservedTeam:
                 self.owner[indices[newer]] = event.agent
                 if (self.owner != before).any():
                     self._log("adoption", event.agent, before=before)
-            case AgentBuried() if event.dead not in self._buried:
+            case AgentBuried() if event.dead not in self._buried | self.gone:
                 self._buried.add(event.dead)
                 self._log("death", event.dead)
             case AgentReturned() if event.returned not in self._returned:
@@ -118,8 +179,12 @@ class ObservedTeam:
         self._living = frozenset(living)
 
     def settle(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
-        """Put what the team has agreed on in the place of what events told."""
+        """Put what the team has agreed on in the place of what events told; who is not heard now is dead."""
+        for agent in sorted(set(range(len(self.poses))) - self._living - self._buried - self.gone):
+            self._buried.add(agent)
+            self._log("death", agent)
         self.owner = owner.copy()
+        self.owner[~self.planner.alive] = -1
         for agent, pose in poses.items():
             self.poses[agent] = pose
         self.scores = self._all_scores()
@@ -129,29 +194,23 @@ class ObservedTeam:
         else:
             self.history[-1] = replace(self.history[-1], score=self.score)
 
-    def sets(self) -> list[NDArray[np.int64]]:
-        """Return the sorted landmarks of each agent."""
-        return [np.flatnonzero(self.owner == agent) for agent in range(len(self.poses))]
-
-    def present(self) -> Mission:
-        """Return the mission as it is for those that live: the dead are blind."""
-        blind = SensorSpec("blind", {})
-        agents = tuple(
-            replace(specification, sensor=blind) if agent in self.dead else specification
-            for agent, specification in enumerate(self.mission.agents)
+    def standing(self) -> Standing:
+        """Return the team as it is now: numbered anew, without what is gone, and the dead are blind."""
+        agents = [agent for agent in range(len(self.poses)) if agent not in self.gone]
+        mission = standing_mission(self.first_mission, self.planner, agents)
+        dead, blind = self.dead, build_model("blind")
+        specifications = tuple(
+            replace(specification, sensor=SensorSpec("blind", {})) if agent in dead else specification
+            for agent, specification in zip(agents, mission.agents, strict=True)
         )
-        return replace(self.mission, agents=agents)
-
-    def present_models(self) -> tuple[VisibilityModel, ...]:
-        """Return the sensors of `present`."""
-        blind = build_model("blind")
-        return tuple(blind if agent in self.dead else model for agent, model in enumerate(self.models))
-
-    def agents(self) -> tuple[AgentResult, ...]:
-        """Return where each agent is and what it watches."""
-        return tuple(
-            AgentResult(specification.name, self.poses[i], 0.0 if i in self.dead else float(self.scores[i]), landmarks)
-            for i, (specification, landmarks) in enumerate(zip(self.mission.agents, self.sets(), strict=True))
+        landmarks = np.flatnonzero(self.planner.alive)
+        return Standing(
+            mission=replace(mission, agents=specifications),
+            models=tuple(blind if agent in dead else self.planner.models[agent] for agent in agents),
+            agents=tuple(agents),
+            poses=tuple(self.poses[agent] for agent in agents),
+            scores=tuple(0.0 if agent in dead else float(self.scores[agent]) for agent in agents),
+            sets=tuple(np.searchsorted(landmarks, np.flatnonzero(self.owner == agent)) for agent in agents),
         )
 
     def summary(self) -> Scores:
@@ -159,15 +218,23 @@ class ObservedTeam:
         return Scores(self.history[0].score, math.nan, math.nan, self.score)
 
     def finish(self) -> tuple[Snapshot, ...]:
-        """Return the state at the start and now."""
-        return (*self.snapshots, self._snapshot("final"))
+        """Return the state at the start, unless landmarks or agents have changed since, and now."""
+        standing = self.standing()
+        owner = np.full(len(standing.mission.landmarks), -1, dtype=np.int64)
+        for index, own in enumerate(standing.sets):
+            owner[own] = index
+        return (*self.snapshots, Snapshot("final", standing.poses, owner, self.score))
 
     def _known_score(self) -> float:
         return float(sum(score for agent, score in enumerate(self.scores) if agent not in self.dead))
 
     def _all_scores(self) -> NDArray[np.float64]:
-        landmarks = self.mission.landmarks
-        return agent_scores(team_visibility(self.models, self.poses, landmarks), self.owner, landmarks.weights)
+        return np.array([self._score_of(agent) for agent in range(len(self.poses))])
+
+    def _score_of(self, agent: int) -> float:
+        planner, own = self.planner, np.flatnonzero(self.owner == agent)
+        pose = self.poses[agent].as_array()[None, :]
+        return float(planner.models[agent].visibility(pose, planner.landmarks.subset(own))[0] @ planner.weights[own])
 
     def _log(
         self, event: str, *agents: int, before: NDArray[np.int64] | None = None, gain: float | None = None
@@ -175,15 +242,11 @@ class ObservedTeam:
         """Score anew whom an event concerns, with those that lost landmarks by it, and put it into the history."""
         concerned = set(agents)
         if before is not None:  # an event that was overtaken by another may take them from anybody
-            concerned |= {int(agent) for agent in np.unique(before[before != self.owner])}
-        weights = self.mission.landmarks.weights
+            concerned |= {int(agent) for agent in np.unique(before[before != self.owner]) if agent >= 0}
         for agent in concerned:
-            own = np.flatnonzero(self.owner == agent)
-            pose = self.poses[agent].as_array()[None, :]
-            seen = self.models[agent].visibility(pose, self.mission.landmarks.subset(own))[0]
-            self.scores[agent] = float(seen @ weights[own])
+            self.scores[agent] = self._score_of(agent)
         self.score = self._known_score() if gain is None else self.score + gain
-        names = tuple(self.mission.agents[agent].name for agent in agents)
+        names = tuple(self.planner.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
 
     def _snapshot(self, label: str) -> Snapshot:

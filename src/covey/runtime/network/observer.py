@@ -10,10 +10,10 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.errors import Drop
+from covey.errors import Drop, InputError
 from covey.geometry import Pose2
 from covey.mission import Mission
-from covey.protocol import Event, Heartbeat, LandmarkRecords, Map, MembershipOptions, PoseRecords
+from covey.protocol import Catalogue, Event, Heartbeat, LandmarkRecords, Map, MembershipOptions, PoseRecords
 from covey.protocol.adoption import map_digest, orphans
 from covey.protocol.outputs import LandmarksAdopted
 from covey.protocol.records import INCARNATION, OWNER, RecordSlice
@@ -25,6 +25,9 @@ Content: TypeAlias = Heartbeat | Event | Map
 
 ASK_EVERY = 0.5
 """Seconds between two questions for maps while the mission goes on."""
+
+MOST_EARLY = 1000
+"""How many events may wait for what they are about."""
 
 ASK_AT_LAST = 0.1
 """The same when the mission seems to be over."""
@@ -90,7 +93,8 @@ class Observer:
     -----
     It says nothing that could change what a team does: agents answer its question for their maps beside their work.
     The mission is over when all that speak are quiescent, have the same map, and this map, fetched from one of them,
-    gives every landmark an owner that speaks.
+    gives every landmark an owner that speaks.  What changed since the mission began it learns from maps too; events and
+    heartbeats of whom it has not heard of yet wait until then.
     """
 
     def __init__(
@@ -101,7 +105,6 @@ class Observer:
         times: MembershipOptions = NETWORK_TIMES,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.mission = mission
         self.team = ObservedTeam(mission, initial_owners(mission, mission.seed))
         self.longest_unowned = 0.0
         self._access = access
@@ -112,8 +115,11 @@ class Observer:
         self._beats: dict[int, Heartbeat] = {}
         self._heard: dict[int, float] = {}
         self._lives: dict[tuple[int, int], float] = {}  # when each life was heard last
-        self._records = LandmarkRecords.unknown(len(mission.landmarks))
+        self._first = len(mission.landmarks)
+        self._records = LandmarkRecords.unknown(self._first)
         self._maps: dict[bytes, Map] = {}  # the newest of each digest that agents have told
+        self._catalogues: dict[int, bytes] = {}  # digest of what each agent knows to have changed
+        self._early: list[Event] = []
         self._asked_at = -np.inf
 
     def subscribe(self, listener: Callable[[Heard], object]) -> None:
@@ -132,11 +138,24 @@ class Observer:
 
     @property
     def living(self) -> Mapping[int, int]:
-        """The incarnation of each agent that has been heard within `dead_after`."""
-        now = self.time
+        """The incarnation of each agent of the team that has been heard within `dead_after`."""
+        now, team = self.time, self.team
         return {
-            a: beat.sender.incarnation for a, beat in self._beats.items() if now < self._heard[a] + self._dead_after
+            agent: beat.sender.incarnation
+            for agent, beat in self._beats.items()
+            if now < self._heard[agent] + self._dead_after and agent < len(team.poses) and agent not in team.gone
         }
+
+    @property
+    def informed_agents(self) -> frozenset[int]:
+        """Who of those that speak is known to know of every change that this observer knows of."""
+        digest = self.team.planner.catalogue.digest
+        return frozenset(agent for agent in self.living if self._catalogues.get(agent) == digest)
+
+    @property
+    def informed(self) -> bool:
+        """Whether those are all that speak, and somebody does."""
+        return bool(self.living) and self.informed_agents == self.living.keys()
 
     @property
     def final_map(self) -> Map | None:
@@ -144,11 +163,10 @@ class Observer:
         living = self.living
         digest = self._agreed(living)
         known = None if digest is None else self._maps.get(digest)
-        if known is None:
+        planner = self.team.planner
+        if known is None or known.catalogue.digest != planner.catalogue.digest:
             return None
-        records = LandmarkRecords.unknown(len(self._records))
-        records.merge(known.records)
-        return None if len(orphans(records, living)) else known
+        return None if len(orphans(self._records_of(known), living, planner.alive)) else known
 
     @property
     def over(self) -> bool:
@@ -167,6 +185,7 @@ class Observer:
             self._take(item)
         digest = self._agreed(self.living)
         hurry = digest is not None and digest not in self._maps
+        hurry |= bool(self._early) or not self._beats.keys() <= set(range(len(self.team.poses)))
         if self._beats and self.time >= self._asked_at + (ASK_AT_LAST if hurry else ASK_EVERY):
             self._asked_at = self.time
             self._access.ask_for_maps()
@@ -175,18 +194,21 @@ class Observer:
                 listener(item)
         return news
 
+    def ask_soon(self) -> None:
+        """Ask for maps as soon as what has just been said can have arrived."""
+        self._asked_at = self.time - ASK_EVERY + ASK_AT_LAST
+
     def unowned(self) -> float:
         """Return for how long at most a landmark that had an owner has had none that speaks, seconds, now."""
-        return max(
-            (self.time - self._lives.get(life, self.time) for life in self._owners(self._records.values)), default=0.0
-        )
+        records = self._records.values[self.team.planner.alive]
+        return max((self.time - self._lives.get(life, self.time) for life in self._owners(records)), default=0.0)
 
     def settle(self) -> bool:
         """Put the agreed map into the team; whether there is one."""
         known = self.final_map
         if known is None:
             return False
-        owner = known.records.values[:, OWNER].copy()
+        owner = self._records_of(known).values[:, OWNER].copy()
         poses: dict[int, Pose2] = {agent: record.pose for agent, record in known.poses.items()}
         self.team.settle(owner, poses)
         return True
@@ -200,21 +222,51 @@ class Observer:
     def _take(self, item: Heard) -> None:
         content = item.content
         if isinstance(content, Map):
+            try:
+                self.learn(content.catalogue)
+            except InputError:
+                return  # it describes an agent that cannot be built
+            self._catalogues[content.sender.agent] = content.catalogue.digest
             self._learn(content.records, item.time)
-            records, poses = LandmarkRecords.unknown(len(self._records)), PoseRecords(content.poses)
-            records.merge(content.records)
+            digest = map_digest(self._records_of(content), PoseRecords(content.poses), content.catalogue)
             self._maps = {d: m for d, m in self._maps.items() if any(beat.digest == d for beat in self._beats.values())}
-            self._maps[map_digest(records, poses)] = content
+            self._maps[digest] = content
         elif not isinstance(content, Heartbeat):
+            if not self.team.knows(content):
+                self._early = [*self._early[-MOST_EARLY:], content]
+                return
             if isinstance(content, LandmarksAdopted):
                 self._learn(content.records, item.time)
             self.team.take(content)
+
+    def learn(self, catalogue: Catalogue) -> None:
+        """Take in that landmarks or agents are others.
+
+        Raises
+        ------
+        InputError
+            If it describes an agent that cannot be built; nothing is learned then.
+        """
+        if self.team.learn(catalogue):
+            self._records.grow(len(self.team.owner))
+            early, self._early = self._early, []
+            for event in early:
+                self._take(Heard(self.time, event))
+
+    def _records_of(self, known: Map) -> LandmarkRecords:
+        """Return what a map says of all landmarks that its agent knows."""
+        records = LandmarkRecords.unknown(self._first)
+        records.grow(max(known.catalogue.landmarks, default=-1) + 1)
+        records.merge(known.records)
+        return records
 
     def _learn(self, records: RecordSlice, now: float) -> None:
         """Merge records, and note for how long the landmarks that changed hands had been without an owner."""
         newer = self._records.is_behind(records)
         before = self._records.values[records.indices[newer]]
         for life in self._owners(before):
+            if life[0] in self.team.gone:
+                continue
             self.longest_unowned = max(self.longest_unowned, now - self._lives.get(life, now))
         self._records.merge(records)
 

@@ -52,7 +52,10 @@ class Prover:
         self.epoch = epoch
         self._score = coverage_score(self._planner, self._agent, pose, landmarks)
         self._stop = stop = threading.Event()
-        self._future = self._pool.submit(self._prove, pose, landmarks, stop)
+        planner = self._planner  # what it knows of landmarks and regions may change while the proof goes on
+        region = planner.regions[self._agent]
+        problem = PoseProblem(planner.models[self._agent], planner.landmarks.subset(landmarks), region)
+        self._future = self._pool.submit(self._prove, problem, pose, stop)
 
     def result(self) -> tuple[int, Pose2 | None]:
         """Wait for the proof; return its epoch, and a pose that is better if there is one."""
@@ -73,11 +76,10 @@ class Prover:
         self.cancel()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def _prove(self, pose: Pose2, landmarks: NDArray[np.int64], stop: threading.Event) -> PoseResult | None:
-        if not len(landmarks) or stop.is_set():
+    def _prove(self, problem: PoseProblem, pose: Pose2, stop: threading.Event) -> PoseResult | None:
+        if not len(problem.landmarks) or stop.is_set():
             return None  # every pose is as good (V11)
-        region = self._planner.regions[self._agent]
-        problem = PoseProblem(self._planner.models[self._agent], self._planner.landmarks.subset(landmarks), region)
+        region = problem.region
         return Exact(cancelled=stop.is_set).maximize(
             problem,
             start=pose if region.contains(pose.x, pose.y) else None,

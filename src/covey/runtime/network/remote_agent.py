@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from covey.errors import ArgumentError
+from covey.errors import ArgumentError, InputError
 from covey.geometry import Pose2
 from covey.mission import Mission, mission_digest
 from covey.protocol import (
+    EMPTY,
     Adopt,
     AgentState,
+    Catalogue,
     Event,
     GoTo,
     Heartbeat,
@@ -31,7 +33,7 @@ from covey.protocol import (
     Publish,
     Send,
 )
-from covey.runtime.agent import TeamPlanner, build_models, nearest_first
+from covey.runtime.agent import TeamPlanner, build_planner, nearest_first
 from covey.runtime.airspace import check_processes
 from covey.runtime.links import build_links
 from covey.runtime.network.prover import Prover
@@ -56,6 +58,9 @@ LINGER = 1.5
 SLEPT = 0.25
 """An agent that comes back so much of `dead_after` later than it meant to has slept, or its process was stopped."""
 
+MORE_AGENTS, MORE_LANDMARKS = 1_000, 1_000_000
+"""How many agents may join a mission on a network, and landmarks be added."""
+
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
 
@@ -77,6 +82,8 @@ class RemoteAgent:
         Called with each event of this agent; `ZenohTransport.log` tells observers.
     on_change : callable, keyword-only
         Called after whatever may have changed what there is to remember.
+    on_trouble : callable, keyword-only
+        Called with what is wrong with a change of the mission that this agent cannot take in.
     clock : callable, keyword-only
         Seconds that only rise.
 
@@ -104,6 +111,7 @@ class RemoteAgent:
         vehicle: Vehicle | None = None,
         on_event: Callable[[Event], object] = lambda event: None,
         on_change: Callable[[], object] = lambda: None,
+        on_trouble: Callable[[str], object] = lambda text: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if transport.agent != node.agent:
@@ -114,6 +122,8 @@ class RemoteAgent:
         self.vehicle: Vehicle = AtOnce(node.pose) if vehicle is None else vehicle
         self.longest_silence = 0.0
         """The longest time that this agent was too busy to speak, seconds."""
+        self.unreadable = 0
+        """How many messages described an agent that cannot be built; they were dropped."""
         self._dead_after = node.options.membership.dead_after
         self._beat = node.options.membership.heartbeat_every
         self._transport = transport
@@ -121,6 +131,7 @@ class RemoteAgent:
         self._prover = prover
         self._on_event = on_event
         self._on_change = on_change
+        self._on_trouble = on_trouble
         self._wall = clock
         self._slept = 0.0
         self._early: list[Message] = []
@@ -207,7 +218,7 @@ class RemoteAgent:
         self._prove()
         if self._transport.map_wanted:
             own = self.node
-            self._transport.show_map(Map(own.sender, own.records.known(), own.poses.as_mapping()))
+            self._transport.show_map(Map(own.sender, own.records.known(), own.poses.as_mapping(), own.catalogue))
         self._on_change()
         self.longest_silence = max(self.longest_silence, self._note_sleep(awake, 0.0))
 
@@ -243,8 +254,9 @@ class RemoteAgent:
         while self._clock() < begun + timeout and not stop() and not self.superseded:
             self.step(self._beat)
             on_step()
-            over_since = min(over_since, self._clock()) if self.over else math.inf
-            if self._clock() >= over_since + linger:
+            left = self.node.left  # to stay for ever would be no leaving; its last words must get through
+            over_since = min(over_since, self._clock()) if self.over or left else math.inf
+            if self._clock() >= over_since + (min(linger, LINGER) if left else linger):
                 break
         return self.over
 
@@ -266,7 +278,13 @@ class RemoteAgent:
     def _take_in(self, messages: Sequence[Message]) -> None:
         for message in messages:
             self._spoken.add(message.sender.agent)
-            self._carry_out(self.node.receive(self._clock(), message, self._rng))
+            try:
+                outputs = self.node.receive(self._clock(), message, self._rng)
+            except InputError as error:  # it describes an agent that this one cannot build: nothing was taken in
+                self.unreadable += 1
+                self._on_trouble(str(error))
+                continue
+            self._carry_out(outputs)
 
     def _call_the_roll(self) -> None:
         """Take those for dead that are neither connected nor heard."""
@@ -317,20 +335,13 @@ class RemoteAgent:
 
 def mission_codec(mission: Mission) -> Codec:
     """Return the codec of a mission, which tells its messages from those of any other."""
-    return Codec(mission_digest(mission), agents=len(mission.agents), landmarks=len(mission.landmarks))
-
-
-def build_planner(mission: Mission) -> TeamPlanner:
-    """Return what the agents of a mission think with.
-
-    Raises
-    ------
-    InputError
-        If a sensor cannot be built.
-    """
-    coverage = mission.coverage
-    models = build_models(mission)
-    return TeamPlanner(mission, models, trade=coverage.trade, optimizer=coverage.optimizer, seed=mission.seed)
+    return Codec(
+        mission_digest(mission),
+        agents=len(mission.agents),
+        landmarks=len(mission.landmarks),
+        more_agents=MORE_AGENTS,
+        more_landmarks=MORE_LANDMARKS,
+    )
 
 
 def node_options(times: MembershipOptions = NETWORK_TIMES) -> NodeOptions:
@@ -346,6 +357,7 @@ def build_node(
     incarnation: int,
     memory: Memory | None = None,
     times: MembershipOptions = NETWORK_TIMES,
+    catalogue: Catalogue = EMPTY,
 ) -> Node:
     """Build the node of one life of an agent.
 
@@ -354,7 +366,7 @@ def build_node(
     mission : Mission
         The same in every process; see `covey.mission.mission_digest`.
     agent : int
-        Its place in the mission's list.
+        Its place in the mission's list, or the number that it has in the catalogue.
     planner : TeamPlanner
     incarnation : int, keyword-only
         Above that of every earlier life.
@@ -362,11 +374,15 @@ def build_node(
         Of an earlier life.  Without one, in a first life or one that has lost its memory, it owns nothing until it has
         heard from all that live.
     times : MembershipOptions, keyword-only
+    catalogue : Catalogue, keyword-only
+        What is known to have changed since the mission began; an agent that joins finds itself there.
     """
     team = range(len(mission.agents))
+    planner.learn(catalogue)
     assigned = initial_owners(mission, mission.seed)
     options, links = node_options(times), build_links(mission)
     if memory is not None:
+        memory = replace(memory, catalogue=memory.catalogue.merged(catalogue))
         return Node.restart(
             agent,
             team,
@@ -382,13 +398,16 @@ def build_node(
         agent,
         team,
         LandmarkRecords.unknown(len(mission.landmarks)),
-        PoseRecords.initial({other: specification.pose for other, specification in enumerate(mission.agents)}),
+        PoseRecords.initial({other: specification.pose for other, specification in enumerate(mission.agents)})
+        if agent < len(mission.agents)
+        else {agent: planner.agents[agent].pose},
         planner,
         incarnation=incarnation,
         order=nearest_first,
         options=options,
         links=links,
         assigned=assigned,
+        catalogue=catalogue,
     )
 
 
@@ -400,8 +419,10 @@ def join_mission(
     planner: TeamPlanner | None = None,
     memory: Memory | None = None,
     times: MembershipOptions = NETWORK_TIMES,
+    catalogue: Catalogue = EMPTY,
     vehicle: Vehicle | None = None,
     on_event: Callable[[Event], object] = lambda event: None,
+    on_trouble: Callable[[str], object] = lambda text: None,
 ) -> RemoteAgent:
     """Build one life of one agent of a mission.
 
@@ -411,11 +432,11 @@ def join_mission(
         The same in every process; see `covey.mission.mission_digest`.
     transport : RealTransport
         Of this agent, in this life.
-    incarnation, memory, times : keyword-only
+    incarnation, memory, times, catalogue : keyword-only
         As for `build_node`.
     planner : TeamPlanner, keyword-only
         Made from the mission by default.
-    vehicle, on_event : keyword-only
+    vehicle, on_event, on_trouble : keyword-only
         As for `RemoteAgent`.
 
     Raises
@@ -426,7 +447,7 @@ def join_mission(
     check_processes(mission)
     agent = transport.agent
     planner = build_planner(mission) if planner is None else planner
-    node = build_node(mission, agent, planner, incarnation=incarnation, memory=memory, times=times)
+    node = build_node(mission, agent, planner, incarnation=incarnation, memory=memory, times=times, catalogue=catalogue)
     return RemoteAgent(
         node,
         transport,
@@ -434,6 +455,7 @@ def join_mission(
         prover=Prover(mission, agent, planner),
         vehicle=vehicle,
         on_event=on_event,
+        on_trouble=on_trouble,
     )
 
 
