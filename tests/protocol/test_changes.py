@@ -48,7 +48,7 @@ changes = st.builds(
     Catalogue,
     st.dictionaries(
         st.integers(0, 4),
-        st.builds(LandmarkChange, st.integers(1, 3), st.booleans(), weights, st.just(0.0), st.just(1.0)),
+        st.builds(LandmarkChange, st.integers(1, 3), st.booleans(), weights, *[st.just(0.0)] * 4),
         max_size=3,
     ),
     st.dictionaries(st.integers(0, 3), st.builds(AgentChange, st.integers(1, 3), st.booleans()), max_size=3),

@@ -22,6 +22,7 @@ from covey.protocol import (
     Nothing,
     Offer,
     OfferDeclined,
+    OfferStands,
     PoseOptimized,
     PoseRecord,
     RecordSlice,
@@ -48,6 +49,9 @@ def describe(item: Message | Event) -> str:
             )
         case OfferDeclined():
             return f"declines the offer of trade {_trade(item.trade)}: {item.reason.value}"
+        case OfferStands():
+            what = "makes" if item.stands else "closes"
+            return f"{what} the offer of trade {_trade(item.trade)}: {item.give.tolist()} for {item.want.tolist()}"
         case PoseOptimized():
             return f"finds pose {item.pose.x:.0f} better ({item.cause.value}): {item.before:.3f} -> {item.after:.3f}"
         case WaypointAbandoned():

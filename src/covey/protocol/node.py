@@ -31,6 +31,7 @@ from covey.protocol.messages import (
 from covey.protocol.outputs import (
     Cause,
     GoTo,
+    OfferStands,
     Output,
     Publish,
     Send,
@@ -120,6 +121,7 @@ class Node(Member):
             assigned=assigned,
         )
         self._sequence = 0
+        self._told_offer: Offer | None = None
         self._proved_at = -1
         self._digested_at: tuple[int, ...] = ()
         self._digest_then = b""
@@ -398,7 +400,19 @@ class Node(Member):
             self._digested_at, self._digest_then = known, map_digest(self.records, self.poses, self.catalogue)
         return self._digest_then
 
+    def _tell_offer(self, outputs: list[Output]) -> None:
+        """Report that an offer stands, or does so no more."""
+        before, now = self._told_offer, self.offer
+        if now is before:
+            return
+        for offer, stands in ((before, False), (now, True)):
+            if offer is not None:
+                client = offer.trade.client
+                outputs.append(OfferStands(offer.trade, client, self.agent, offer.give, offer.want, stands))
+        self._told_offer = now
+
     def _finish(self, outputs: list[Output]) -> list[Output]:
+        self._tell_offer(outputs)
         if self.left:
             return outputs
         if self._membership is not None:

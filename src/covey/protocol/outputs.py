@@ -126,6 +126,28 @@ class OfferDeclined:
     reason: Reason
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class OfferStands:
+    """A server made an offer, or the one that it had made is closed: whichever way, it is free again.
+
+    Parameters
+    ----------
+    trade : TradeId
+    client, server : int
+    give, want : array, shape (k,)
+        Landmarks that would go to the client, and to the server; sorted.
+    stands : bool
+        Whether the offer stands from now on.
+    """
+
+    trade: TradeId
+    client: int
+    server: int
+    give: NDArray[np.int64]
+    want: NDArray[np.int64]
+    stands: bool
+
+
 @dataclass(frozen=True, slots=True)
 class AgentBuried:
     """An agent declared another dead."""
@@ -203,6 +225,7 @@ Event: TypeAlias = (
     | TradeCommitted
     | WaypointAbandoned
     | OfferDeclined
+    | OfferStands
     | AgentBuried
     | AgentReturned
     | LandmarksAdopted

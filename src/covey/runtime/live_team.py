@@ -56,7 +56,9 @@ def check_playable(mission: Mission) -> None:
     """
     if mission.changes:
         where = mission.path or mission.name
-        raise InputError(f"{where}: changes: only `covey plan` acts on them; leave the key out to play")
+        raise InputError(
+            f"{where}: changes: only `covey plan` and `covey launch` act on them; leave the key out to play"
+        )
 
 
 class LiveTeam(Team):

@@ -47,6 +47,7 @@ from covey.protocol import (
     Nothing,
     Offer,
     OfferDeclined,
+    OfferStands,
     PoseOptimized,
     Request,
     Sender,
@@ -235,6 +236,11 @@ LAYOUTS: Mapping[int, Layout] = {
     ),
     73: Layout(AgentJoined, {"agent": AGENT, "joined": AGENT}, Channel.LOG),
     74: Layout(AgentLeft, {"agent": AGENT, "left": AGENT}, Channel.LOG),
+    75: Layout(
+        OfferStands,
+        {**_TRADE, "client": AGENT, "server": AGENT, "give": LANDMARKS, "want": LANDMARKS, "stands": FLAG},
+        Channel.LOG,
+    ),
 }
 """Every type by its number on the wire, which never changes: messages from 1, events from 65."""
 

@@ -193,7 +193,7 @@ def test_a_mission_without_changes_is_planned_as_ever() -> None:
 
 
 def test_changes_are_not_flown() -> None:
-    with pytest.raises(InputError, match="only `covey plan` acts on them"):
+    with pytest.raises(InputError, match="only `covey plan` and `covey launch` act on them"):
         fly(changing(REMOVE), vehicles="kinematic")
 
 

@@ -12,10 +12,14 @@ from covey.errors import Drop
 from covey.geometry import Pose2
 from covey.protocol import (
     AgentBuried,
+    AgentChange,
     AgentReturned,
+    Catalogue,
     Cause,
     Heartbeat,
+    LandmarkChange,
     LandmarksAdopted,
+    OfferStands,
     PoseOptimized,
     PoseRecord,
     RecordSlice,
@@ -25,7 +29,19 @@ from covey.protocol import (
 )
 from covey.runtime.network.network_telling import NetworkTeller
 from covey.runtime.network.observer import Content, Observer
-from covey.runtime.watching.feed import Activity, ChangeKind, Ended, Health, Run, Scene, TeamChange, TeamState, Update
+from covey.runtime.watching.feed import (
+    Activity,
+    ChangeKind,
+    Ended,
+    Health,
+    Run,
+    Scene,
+    TeamChange,
+    TeamState,
+    Trading,
+    Update,
+    Weights,
+)
 from covey.runtime.watching.view import TeamView
 
 DEAD_AFTER = 3.0
@@ -149,6 +165,60 @@ def test_death_adoption_and_return(network: Network) -> None:
     assert network.view.activity[1] == Activity.IDLE
 
 
+def offer(server: int, number: int, give: list[int], want: list[int], *, stands: bool = True) -> OfferStands:
+    client = (server + 1) % 3
+    return OfferStands(TradeId(client, 1, number), client, server, np.array(give), np.array(want), stands)
+
+
+def white(network: Network) -> list[int]:
+    return np.flatnonzero(network.view.trading).tolist()
+
+
+def test_landmarks_are_white_while_an_offer_stands(network: Network) -> None:
+    (told,) = (item for item in network.hear(beat(0), offer(0, 1, [1, 4], [2])) if isinstance(item, Trading))
+    assert (told.client, told.server, told.open) == (1, 0, True)
+    assert white(network) == [1, 2, 4]
+    network.hear(offer(2, 1, [7], []))
+    assert white(network) == [1, 2, 4, 7]
+    network.hear(offer(0, 1, [1, 4], [2], stands=False))
+    assert white(network) == [7]
+    network.hear(offer(0, 1, [1, 4], [2], stands=False))  # told twice
+    assert white(network) == [7]
+
+
+def test_an_offer_whose_end_nobody_tells_is_closed_all_the_same(network: Network) -> None:
+    network.hear(beat(0), beat(1), beat(2), offer(0, 1, [1], []), offer(1, 1, [2], []), offer(2, 1, [3], []))
+    network.hear(offer(0, 2, [5], []))  # in a new life
+    assert white(network) == [2, 3, 5]
+    network.hear(AgentBuried(0, 1))
+    assert white(network) == [3, 5]
+    network.teller.end("settled", True)
+    assert white(network) == []
+
+
+def test_what_changes_is_told_with_a_new_scene_where_there_is_more(network: Network) -> None:
+    n = len(network.mission.landmarks)
+    before = network.view.scene
+    planner = network.observer.team.planner
+    network.observer.learn(Catalogue({3: planner.landmark(3)._replace(version=1, weight=9.0)}))
+    told = network.hear(beat(0))
+    assert [type(item).__name__ for item in told if isinstance(item, (Weights, Scene))] == ["Weights"]
+    assert network.view.weights[3] == 9.0
+    (change,) = (item for item in told if isinstance(item, TeamChange))
+    assert change.text.startswith("landmarks 3 reweighted; score ")
+    joins = AgentChange(3, True, '{"name": "orange", "pose": {"x_m": 0, "y_m": 0}}')
+    network.observer.learn(Catalogue({n: LandmarkChange(2, True, 2.0, 1.0, 1.0)}, {3: joins}))
+    told = network.hear(beat(3))
+    assert network.view.scene is not before
+    assert [agent.name for agent in network.view.scene.agents] == ["blue", "red", "green", "orange"]
+    assert len(network.view.owner) == len(network.view.weights) == n + 1
+    assert [item.kind for item in told if isinstance(item, TeamChange)] == [ChangeKind.LANDMARKS, ChangeKind.JOINED]
+    network.observer.learn(Catalogue(agents={1: AgentChange(4, False)}))
+    network.hear(beat(3))
+    assert network.view.activity[1] == Activity.GONE
+    assert 1 not in network.view.owner
+
+
 def test_the_end_is_told_with_the_state(network: Network) -> None:
     network.hear(beat(0))
     network.teller.end("settled", True)
@@ -159,6 +229,7 @@ def test_the_end_is_told_with_the_state(network: Network) -> None:
 
 def test_what_the_team_agreed_on_replaces_what_events_told(network: Network) -> None:
     owner = (network.observer.team.owner + 1) % 3
+    network.observer.team.set_living(range(3))
     network.observer.team.settle(owner, {0: Pose2(1.0, 1.0, 0.0)})
     told = network.hear()
     assert any(isinstance(item, TeamState) for item in told)

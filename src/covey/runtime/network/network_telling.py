@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from covey.protocol import Heartbeat, LandmarksAdopted, TradeCommitted
+from covey.protocol import AgentBuried, Heartbeat, LandmarksAdopted, OfferStands, TradeCommitted
 from covey.runtime.network.observer import Heard, Observer
 from covey.runtime.plan import software_versions
-from covey.runtime.watching.feed import Activity, Ended, Health, Run, Scene, TeamState, Watcher, Weights
+from covey.runtime.watching.feed import Activity, Ended, Health, Run, Scene, TeamState, Trading, Watcher, Weights
 from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, pose_rows
 
 HEALTH_EVERY = 1.0
@@ -23,7 +23,7 @@ SILENT = 0.5
 
 
 class NetworkTeller(Teller):
-    """Tells of a team that an observer watches; the offers that agents make each other are not heard.
+    """Tells of a team that an observer watches.
 
     Parameters
     ----------
@@ -44,6 +44,7 @@ class NetworkTeller(Teller):
         self._catalogue = team.planner.catalogue
         self._entries = len(team.history)
         self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
+        self._offers: dict[int, OfferStands] = {}  # by server
         self._healthy_at = -math.inf
         self._begin()
         observer.subscribe(self.hear)
@@ -86,12 +87,37 @@ class NetworkTeller(Teller):
                 return  # of whom nothing is known yet
             self._heard[agent] = item.time
             self._quiescent[agent] = item.content.quiescent
+        elif isinstance(item.content, OfferStands):
+            self._tell_trading(item.time, item.content)
+        elif isinstance(item.content, AgentBuried):
+            self._close(item.time, item.content.dead)
         elif isinstance(item.content, TradeCommitted):
             self._moved["trade"].append(item.content.moved)
         elif isinstance(item.content, LandmarksAdopted):
             self._moved["adoption"].append(len(item.content.records.indices))
         self._tell_history(as_heard=True)
         self._tell_health()
+
+    def _tell_trading(self, time: float, offer: OfferStands) -> None:
+        """Tell that landmarks are being traded, or are so no more."""
+        if not self._observer.team.knows(offer):
+            return
+        standing = self._offers.get(offer.server)
+        if standing is not None and (offer.stands or offer.trade == standing.trade):
+            self._close(time, offer.server)  # of an agent in a new life nobody says that its old offer is closed
+        if offer.stands:
+            self._offers[offer.server] = offer
+            self.tell(self._trading(time, offer, stands=True))
+
+    def _close(self, time: float, server: int) -> None:
+        offer = self._offers.pop(server, None)
+        if offer is not None:
+            self.tell(self._trading(time, offer, stands=False))
+
+    @staticmethod
+    def _trading(time: float, offer: OfferStands, *, stands: bool) -> Trading:
+        give, want = offer.give.astype(np.int32), offer.want.astype(np.int32)
+        return Trading(time, offer.client, offer.server, give, want, stands)
 
     def update(self) -> None:
         """Tell what is new, also when nothing was heard."""
@@ -131,6 +157,8 @@ class NetworkTeller(Teller):
     def end(self, status: str, holds: bool | None) -> None:
         """Tell the last state, and that the mission is over."""
         self.update()
+        for server in list(self._offers):
+            self._close(self._observer.time, server)
         self.state(self._state())
         self.tell(Ended(self._observer.time, status, holds, float(self._scores().sum())))
 

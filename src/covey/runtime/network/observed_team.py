@@ -120,7 +120,7 @@ class ObservedTeam:
         ]
         landmarks = [
             getattr(event, name)
-            for name in ("landmarks", "client_landmarks", "server_landmarks")
+            for name in ("landmarks", "client_landmarks", "server_landmarks", "give", "want")
             if hasattr(event, name)
         ]
         if isinstance(event, AgentReturned):
