@@ -102,6 +102,7 @@ def launch(
     from covey.runtime.network.network_telling import NetworkTeller
     from covey.runtime.records.record import check_result_target, default_directory, write_result
     from covey.runtime.result import Progress
+    from covey.runtime.watching.steering import Steering
 
     plan = NetworkPlan() if network is None else load_network(network, loaded)
     if connect and not observe:
@@ -114,7 +115,8 @@ def launch(
     target = default_directory(f"{loaded.name}-launched", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
     failure: OutputError | None = None
-    with live(view, mission=loaded, host=host, port=port, open_page=open_page) as shown:
+    steering = None if observe else Steering(paced=False)
+    with live(view, mission=loaded, host=host, port=port, open_page=open_page, steering=steering) as shown:
         with (
             Interruption() as interruption,
             Recording(target, quiet=quiet) as recording,
@@ -124,6 +126,8 @@ def launch(
 
             def begin(observer: Observer) -> None:
                 watch = shown.watch_with(recording.recorder)
+                if shown.eyes is not None:
+                    shown.eyes.follow(observer.team.planner)
                 tellers.append(NetworkTeller(watch, observer, dead_after=plan.times.dead_after))
 
             def report(news: Progress) -> None:
@@ -147,7 +151,9 @@ def launch(
                     blows=blows,
                     timeout=limit,
                 )
-                deployment, outcome = launching.launch(loaded, mission, options, on_progress=report, on_observer=begin)
+                deployment, outcome = launching.launch(
+                    loaded, mission, options, on_progress=report, on_observer=begin, steering=shown.steering
+                )
             for teller in tellers:
                 teller.end(
                     deployment.status.value, None if deployment.certificate is None else deployment.certificate.holds

@@ -10,7 +10,7 @@ import typer
 
 from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.view import Host, Open, Port, eyes_of, serve_page
+from covey.cli.view import Eyes, Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
     from covey.mission import Mission
@@ -68,13 +68,14 @@ def playground(
     else:
         check_playable(loaded)
     steering = None if observes else Steering(speed=speed)
+    eyes = eyes_of(loaded)
     with (
-        serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(loaded)) as server,
+        serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes) as server,
         Interruption() as interruption,
     ):
         typer.echo("covey: it goes on until you press Ctrl-C", err=True)
         if steering is None:
-            _observe(loaded, connect or [], network, server.watch, interruption)
+            _observe(loaded, connect or [], network, server.watch, eyes, interruption)
         else:
             _play(loaded, server.watch, steering, interruption)
 
@@ -89,7 +90,12 @@ def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: In
 
 
 def _observe(
-    mission: Mission, connect: list[str], network: Path | None, watch: Watcher, interruption: Interruption
+    mission: Mission,
+    connect: list[str],
+    network: Path | None,
+    watch: Watcher,
+    eyes: Eyes,
+    interruption: Interruption,
 ) -> None:
     from covey.runtime.network.network_file import OBSERVER, NetworkPlan, load_network
     from covey.runtime.network.network_telling import NetworkTeller
@@ -101,6 +107,7 @@ def _observe(
     joined = plan.joined(connect=tuple(connect)).for_name(OBSERVER)
     with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
         observer = Observer(mission, access, times=joined.times)
+        eyes.follow(observer.team.planner)
         teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
         settled = False
         while not interruption.noted:

@@ -7,7 +7,7 @@ import os
 import sys
 import time
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from covey.environment import Landmarks
     from covey.mission import Mission
     from covey.playground.server import PlaygroundServer, SeenBy
+    from covey.runtime.agent import TeamPlanner
     from covey.runtime.watching.feed import Scene, Update, Watcher
     from covey.runtime.watching.steering import Steering
+    from covey.sensing import VisibilityModel
 
 View: TypeAlias = Annotated[
     bool, typer.Option("--view", help="Show it live in the browser: the Playground.", rich_help_panel="Playground")
@@ -57,6 +60,7 @@ class Live:
 
     watch: Watcher | None = None
     steering: Steering | None = None
+    eyes: Eyes | None = None
 
     def watch_with(self, recorder: Watcher) -> Watcher:
         """Return a watcher that tells the recorder first, and then the page."""
@@ -89,6 +93,7 @@ def live(
     open_page: bool,
     speed: float | None = None,
     usual: float | None = None,
+    steering: Steering | None = None,
 ) -> Iterator[Live]:
     """Serve the Playground beside a run, if it is asked for.
 
@@ -102,6 +107,8 @@ def live(
     usual : float or None
         The speed, if it is not said; see `covey.runtime.watching.steering.SetSpeed`.  None for a run that nobody can
         steer.
+    steering : Steering or None
+        Instead, of a run whose speed nobody can set.
 
     Raises
     ------
@@ -118,9 +125,11 @@ def live(
 
     from covey.runtime.watching.steering import Steering
 
-    steering = None if usual is None else Steering(speed=usual if speed is None else speed)
-    with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes_of(mission)) as server:
-        yield Live(server.watch, steering)
+    if usual is not None:
+        steering = Steering(speed=usual if speed is None else speed)
+    eyes = eyes_of(mission)
+    with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes) as server:
+        yield Live(server.watch, steering, eyes)
 
 
 @contextmanager
@@ -165,17 +174,40 @@ def wait_until(happened: Callable[[], bool], seconds: float = math.inf) -> None:
         time.sleep(0.05)
 
 
-def eyes_of(mission: Mission) -> SeenBy:
-    """Return what tells how well an agent sees each landmark from a pose, for heat maps."""
-    import numpy as np
+class Eyes:
+    """Knows how well an agent sees each landmark from a pose, for heat maps.
 
+    Parameters
+    ----------
+    models : sequence of VisibilityModel
+        Each agent's sensor.
+    landmarks : Landmarks
+    """
+
+    def __init__(self, models: Sequence[VisibilityModel], landmarks: Landmarks) -> None:
+        self._planner: TeamPlanner | None = None
+        self._models, self._landmarks = models, landmarks
+
+    def follow(self, planner: TeamPlanner) -> None:
+        """From now on see with the agents and landmarks that a planner knows, which may change."""
+        self._planner = planner
+
+    def __call__(self, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return, shape (n,), how well an agent sees each landmark from a pose (`covey.runtime.watching.feed.POSE`)."""
+        planner = self._planner
+        if planner is None:
+            models, landmarks = self._models, self._landmarks
+        else:
+            models, landmarks = planner.models, planner.landmarks
+        x, y, _, w, _, _, z = (float(value) for value in pose)
+        import numpy as np
+
+        yaw = 2.0 * math.atan2(z, w)
+        return np.asarray(models[agent].visibility(np.array([[x, y, yaw]]), landmarks)[0])
+
+
+def eyes_of(mission: Mission) -> Eyes:
+    """Return what the agents of a mission see with."""
     from covey.runtime.agent import build_models
 
-    models, landmarks = build_models(mission), mission.landmarks
-
-    def seen_by(agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y, _, w, _, _, z = (float(value) for value in pose)
-        seen = models[agent].visibility(np.array([[x, y, 2.0 * math.atan2(z, w)]]), landmarks)
-        return np.asarray(seen[0])
-
-    return seen_by
+    return Eyes(build_models(mission), mission.landmarks)

@@ -75,7 +75,8 @@ def fly(
     kind = Kind(vehicles)
     if mission.changes:
         raise InputError(
-            "changes: expected a mission without; only `covey plan` and `covey launch` act on them, leave the key out to fly it"
+            "changes: expected a mission without; only `covey plan` and `covey launch` act on them; "
+            "leave the key out to fly it"
         )
     if seed is not None:
         mission = mission.with_seed(seed)

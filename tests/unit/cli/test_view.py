@@ -142,7 +142,8 @@ def test_processes_are_watched_and_recorded(mission: Path) -> None:
         messages = watched.visit("Ended")
         code, err = watched.end()
     assert (code, err.count("Traceback")) == (0, 0)
-    assert messages[0]["commands"] == []
+    hello = [message for message in messages if message["type"] == "Hello"][-1]
+    assert hello["commands"] == ["kill", "revive", "weight"]
     result = json.loads((mission.parent / "out" / "result.json").read_text())
     with Record(mission.parent / "out") as record:
         ended = list(record.items())[-1]

@@ -209,6 +209,7 @@ def test_what_changes_is_told_with_a_new_scene_where_there_is_more(network: Netw
     joins = AgentChange(3, True, '{"name": "orange", "pose": {"x_m": 0, "y_m": 0}}')
     network.observer.learn(Catalogue({n: LandmarkChange(2, True, 2.0, 1.0, 1.0)}, {3: joins}))
     told = network.hear(beat(3))
+    assert network.view.scene is not None
     assert network.view.scene is not before
     assert [agent.name for agent in network.view.scene.agents] == ["blue", "red", "green", "orange"]
     assert len(network.view.owner) == len(network.view.weights) == n + 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -39,6 +40,8 @@ from covey.runtime.network.observer import Observer
 from covey.runtime.network.operator import TELL_EVERY, Operator
 from covey.runtime.network.remote_agent import join_mission, mission_codec
 from covey.runtime.records.record import read_result
+from covey.runtime.result import Progress
+from covey.runtime.watching.steering import Command, Kill, Revive, SetWeight, Steering
 from covey.transports.network import NetworkOptions
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
@@ -272,6 +275,41 @@ def test_a_launched_team_carries_out_the_changes_of_its_mission(changing: Path) 
     assert sorted(deployment.mission.landmarks.weights.tolist())[-4:] == [2.0, 2.0, 5.0, 5.0]
     endings = {agent["name"]: agent["ending"] for agent in report.agents}
     assert endings == {"red": "left", "blue": "released", "green": "released", "orange": "released"}
+
+
+def test_a_visitor_kills_an_agent_lets_it_come_back_and_weighs_a_landmark(tmp_path: Path, mission: Mission) -> None:
+    file = tmp_path / "small.json"
+    file.write_text(json.dumps(mission.source), "utf-8")
+    steering, refused, observers = Steering(paced=False), list[str](), list[Observer]()
+    assert not steering.commands
+    wishes: list[tuple[str, tuple[Command, ...]]] = [
+        ("initial", (Kill(1), Revive(0), Kill(7), SetWeight(64, 1.0), SetWeight(3, math.inf))),
+        ("death", (Revive(1), SetWeight(3, 9.0))),
+    ]
+
+    def steer(news: Progress) -> None:
+        events = [entry.event for entry in observers[0].team.history] if observers else []
+        if news.stage == "trading" and wishes and wishes[0][0] in events:
+            for command in wishes.pop(0)[1]:
+                steering.ask(command, refused.append)
+
+    deployment, report = launch(
+        load_mission(file),
+        file,
+        LaunchOptions(timeout=LONGEST),
+        on_progress=steer,
+        on_observer=observers.append,
+        steering=steering,
+    )
+    assert report.settled
+    assert certify(deployment).holds
+    assert steering.commands == ("kill", "revive", "weight")
+    assert [text.partition(":")[0] for text in refused] == ["agent", "agent", "landmark", "weight"]
+    assert [one.name for one in report.exits if one.code < 0] == ["red"]
+    events = [entry.event for entry in deployment.history]
+    assert {"death", "return", "reweighted"} <= set(events)
+    assert len(deployment.agents[1].landmarks) > 0
+    assert deployment.mission.landmarks.weights[3] == 9.0
 
 
 @pytest.fixture

@@ -54,11 +54,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 class Run:
     """A run of 1/8 s a step."""
 
-    def __init__(self, clock: Clock, **options: float) -> None:
+    def __init__(self, clock: Clock, *, speed: float = 0.0) -> None:
         self.progress = 0.0
         self.clock = clock
         self.refused: list[str] = []
-        self.steering = Steering(**options)
+        self.steering = Steering(speed=speed)
         self.steering.measure(lambda: self.progress, 0.5)
 
     def go(self, steps: int) -> None:

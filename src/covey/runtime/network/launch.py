@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import json
+import math
 import signal
 import socket
 import tempfile
@@ -12,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from covey.errors import NetworkError
 from covey.mission import ChangeSpec, Mission
 from covey.runtime.certify import build_certificate, prove_poses
 from covey.runtime.network.child import Child, Exit
+from covey.runtime.network.launch_options import Blow, LaunchOptions, LaunchReport
 from covey.runtime.network.network_file import OBSERVER, NetworkPlan
 from covey.runtime.network.observer import Observer
 from covey.runtime.network.operator import Operator
@@ -27,6 +27,7 @@ from covey.runtime.network.remote_agent import mission_codec, warm_up
 from covey.runtime.plan import software_versions
 from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.runtime.team import standing_results
+from covey.runtime.watching.steering import Kill, Request, Revive, SetWeight, Steering
 from covey.transports.zenoh import ZenohObserver
 
 TICK = 0.05
@@ -43,108 +44,6 @@ DEAF = 10.0
 
 HOPELESS = 5
 """A process that has died so often in a row without having been heard is not started again."""
-
-
-@dataclass(frozen=True)
-class Blow:
-    """A signal that an agent's process gets.
-
-    Parameters
-    ----------
-    agent : int
-    after : float
-        Seconds after every agent was there.
-    number : int
-        Which signal; by default it is killed.
-    """
-
-    agent: int
-    after: float
-    number: int = signal.SIGKILL
-
-
-@dataclass(frozen=True)
-class LaunchOptions:
-    """How a team is launched.
-
-    Parameters
-    ----------
-    network : NetworkPlan
-        Its credentials and times go to every agent; it has no endpoints of its own.
-    network_file : Path or None
-        Where `network` comes from.
-    state : Path or None
-        Where the agents keep what a restart begins with; a temporary directory by default.
-    vehicles : str
-        As for `covey agent`.
-    restart : bool
-        Whether a process that died is started again.
-    blows : tuple of Blow
-    patience : float
-        How long agents wait for each other at the start, seconds.
-    timeout : float
-        Seconds after which the launch ends, over or not.
-    """
-
-    network: NetworkPlan = dataclasses.field(default_factory=NetworkPlan)
-    network_file: Path | None = None
-    state: Path | None = None
-    vehicles: str = "none"
-    restart: bool = False
-    blows: tuple[Blow, ...] = ()
-    patience: float = 60.0
-    timeout: float = float("inf")
-
-
-@dataclass(frozen=True)
-class LaunchReport:
-    """What happened beside the mission.
-
-    Parameters
-    ----------
-    settled : bool
-        Whether the mission was over.
-    exits : tuple of Exit
-        Every process that ended, in order.
-    agents : tuple of dict
-        The reports of those that left by themselves: `covey.runtime.network.agent_process.AgentReport`.
-    dropped : dict of str to int
-        Arrivals that the observer dropped, by cause.
-    refused : dict of str to int
-        Connections that the agents did not let in, by what was wrong with the certificate.
-    longest_unowned : float
-        No landmark was without a living owner for longer, seconds.
-    start_s, settle_s : float
-        Seconds from the launch until all agents were heard, and from then until the mission was over.
-    """
-
-    settled: bool
-    exits: tuple[Exit, ...]
-    agents: tuple[dict[str, Any], ...]
-    dropped: dict[str, int]
-    refused: dict[str, int]
-    longest_unowned: float
-    start_s: float
-    settle_s: float
-
-    @property
-    def died(self) -> tuple[Exit, ...]:
-        """The processes that ended otherwise than at the launch's own wish."""
-        return tuple(one for one in self.exits if not one.wanted)
-
-    @property
-    def strangers(self) -> dict[str, int]:
-        """What all of the team dropped together, by cause, but what was merely overtaken by news."""
-        total: dict[str, int] = dict(self.dropped)
-        for agent in self.agents:
-            for cause, count in agent["dropped"].items():
-                total[cause] = total.get(cause, 0) + count
-        return {cause: count for cause, count in sorted(total.items()) if cause != "outdated"}
-
-    def to_json(self) -> str:
-        """Return it as JSON."""
-        content = dataclasses.asdict(self) | {"strangers": self.strangers}
-        return json.dumps(content, indent=2) + "\n"
 
 
 def watch(
@@ -184,6 +83,7 @@ def launch(
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_observer: Callable[[Observer], object] = lambda observer: None,
     on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
+    steering: Steering | None = None,
 ) -> tuple[Deployment, LaunchReport]:
     """Start every agent of a mission as a process on this machine, and wait until the mission is over.
 
@@ -197,6 +97,8 @@ def launch(
         As for `watch`.
     on_endpoints : callable, keyword-only
         Called once with the endpoints on which the agents will listen, and last the observer.
+    steering : Steering, keyword-only
+        Through it others kill agents, let them come back, and weigh landmarks anew.
 
     Returns
     -------
@@ -208,7 +110,7 @@ def launch(
     NetworkError
         If the network cannot be joined, or an agent ends before it was heard and is not to be started again.
     """
-    return _Launch(mission, path, options, (), on_progress, on_observer, on_endpoints).run()
+    return _Launch(mission, path, options, (), on_progress, on_observer, on_endpoints, steering).run()
 
 
 class _Launch:
@@ -221,6 +123,7 @@ class _Launch:
         on_progress: Callable[[Progress], None],
         on_observer: Callable[[Observer], object],
         on_endpoints: Callable[[Sequence[str]], object] = lambda endpoints: None,
+        steering: Steering | None = None,
     ) -> None:
         self.mission = mission
         self._path = path
@@ -229,6 +132,10 @@ class _Launch:
         self._on_progress = on_progress
         self._on_observer = on_observer
         self._on_endpoints = on_endpoints
+        self._steering = steering
+        self._held: set[int] = set()  # killed by a visitor, and not to come back until one wants it
+        if steering is not None:
+            steering.offer(Kill, Revive, SetWeight)
         self._first = len(mission.agents)
         self._changes: list[ChangeSpec] = [] if path is None else list(mission.changes)
         self._changed_at = 0.0
@@ -341,6 +248,8 @@ class _Launch:
             observer.step(TICK)
             operator.step()
             self._look_after(observer, endpoints, state)
+            for request in () if self._steering is None else self._steering.take():
+                self._grant(request, observer, operator, endpoints, state)
             if self._all_there is None and len(observer.living) == self._first:
                 self._all_there = self._time
             if self._change(observer, operator):
@@ -372,6 +281,38 @@ class _Launch:
             operator.change(self._changes.pop(0))
             self._changed_at = self._time
         return due
+
+    def _grant(
+        self, request: Request, observer: Observer, operator: Operator, endpoints: Sequence[str], state: Path | None
+    ) -> None:
+        """Do what a visitor asks for, or say why not."""
+        team = observer.team
+        match request.command:
+            case Kill(agent):
+                if agent not in self._children:
+                    request.refuse("agent: expected one that lives")
+                elif len(self._children) == 1:
+                    request.refuse("agent: it is the last one")
+                else:
+                    self._held.add(agent)
+                    self._children[agent].send(signal.SIGKILL)
+                    self._calm_at = self._time + self._options.network.times.dead_after
+            case Revive(agent):
+                if agent not in self._held or agent in self._children:
+                    request.refuse("agent: expected one that was killed")
+                else:
+                    self._held.discard(agent)
+                    self._restarts[agent] = self._time
+            case SetWeight(landmark, weight):
+                if not 0 <= landmark < len(team.owner) or not team.planner.alive[landmark]:
+                    request.refuse(f"landmark: expected one that is to be seen, got {landmark}")
+                elif not (math.isfinite(weight) and weight >= 0.0):
+                    request.refuse(f"weight: expected a finite number from 0 on, got {weight:g}")
+                elif not operator.told:
+                    request.refuse("weight: the team has not heard of the last change yet")
+                else:
+                    operator.change(ChangeSpec(reweight={landmark: weight}))
+                    self._changed_at = self._time
 
     def _start_joined(self, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
         """Start a process for who has joined."""
@@ -410,6 +351,8 @@ class _Launch:
             return
         heard = agent in observer.living
         self._failures[agent] = 0 if heard else self._failures[agent] + 1
+        if agent in self._held:
+            return
         if self._options.restart and self._failures[agent] < HOPELESS and last.code != 2:
             self._restarts[agent] = self._time + RESTART_AFTER
         elif not heard and self._all_there is None:
@@ -478,3 +421,6 @@ class _Launch:
             snapshots=view.finish(),
             timing_s=known | {"total": sum(known.values())},
         )
+
+
+__all__ = ["Blow", "LaunchOptions", "LaunchReport", "launch", "watch"]

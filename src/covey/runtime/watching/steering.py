@@ -149,6 +149,8 @@ class Steering:
     ----------
     speed : float
         At first; see `SetSpeed`.
+    paced : bool
+        Whether the run can pause and go faster or slower.
 
     Attributes
     ----------
@@ -156,13 +158,13 @@ class Steering:
         Share of the messages that are lost, as the run has set it.
     """
 
-    def __init__(self, *, speed: float = 0.0) -> None:
+    def __init__(self, *, speed: float = 0.0, paced: bool = True) -> None:
         self.loss = 0.0
         self._told = 0
         self._progress: Callable[[], float] = lambda: self._told
         self._stride = 1.0
         self._changed = threading.Condition()
-        self._kinds: set[type[Command]] = {Pause, Resume, Step, SetSpeed}
+        self._kinds: set[type[Command]] = {Pause, Resume, Step, SetSpeed} if paced else set()
         self._requests: list[Request] = []
         self._pace = Pace(paused=False, speed=speed)
         self._steps = 0
@@ -214,7 +216,7 @@ class Steering:
     # The run's side.
 
     def offer(self, *kinds: type[Command]) -> None:
-        """Say what the run carries out, besides pausing and its speed."""
+        """Say what the run carries out, besides pausing and its speed, if it is paced."""
         self._kinds |= set(kinds)
 
     def measure(self, progress: Callable[[], float], stride: float) -> None:
