@@ -218,7 +218,8 @@ class TeamTeller(Teller):
         elif kind is ChangeKind.RETURN:
             self._dead.difference_update(agents)
         moved = int((self._team.owner != self.view.owner).sum())
-        text = change_text(event, [self._names[agent] for agent in agents], moved, self._team.score)
+        who = agents[:1] if kind is ChangeKind.ADOPTION else agents  # the others only lose what they had adopted too
+        text = change_text(event, [self._names[agent] for agent in who], moved, self._team.score)
         self.change(now, kind, agents, self._team.owner, self._poses(), self._team.scores, text)
         if kind is ChangeKind.TRADE:
             self._close(agents[1])
