@@ -10,7 +10,7 @@ import typer
 
 from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.view import Host, Open, Port, eyes_of, serve_page
+from covey.cli.view import FASTEST, Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
     from covey.mission import Mission
@@ -38,7 +38,9 @@ def playground(
     port: Port = 0,
     host: Host = "127.0.0.1",
     open_page: Open = False,
-    speed: Annotated[float, typer.Option(min=0.0, help="Seconds a second; 0 for as fast as possible.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.0, max=FASTEST, help="Seconds a second; 0 for as fast as possible.")
+    ] = 1.0,
 ) -> None:
     """Play with a mission in the browser: let messages get lost, kill agents, let them come back, and watch.
 

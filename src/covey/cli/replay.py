@@ -10,7 +10,7 @@ import typer
 
 from covey.cli.arguments import named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.view import Host, Open, Port, serve_page, wait_until
+from covey.cli.view import FASTEST, Host, Open, Port, serve_page, wait_until
 
 if TYPE_CHECKING:
     from covey.runtime.records.mcap_reader import Record
@@ -30,7 +30,9 @@ def replay(
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option(min=0.01, help="How many times as fast; of a plan's film, changes and offers a second."),
+        typer.Option(
+            min=0.01, max=FASTEST, help="How many times as fast; of a plan's film, changes and offers a second."
+        ),
     ] = None,
     port: Port = 0,
     host: Host = "127.0.0.1",
@@ -57,6 +59,8 @@ def replay(
     from covey.runtime.records.mcap_reader import Record
 
     for target in (html, video):
+        if target is not None and target.is_dir():
+            raise OutputError(f"{target}: expected a file to write, got a directory; choose another name")
         if target is not None and os.path.lexists(target) and not force:
             raise OutputError(f"{target}: is there already; choose another name, or replace it with --force")
     with Record(record) as opened:

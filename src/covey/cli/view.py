@@ -9,7 +9,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from covey.runtime.watching.feed import Scene, Update, Watcher
     from covey.runtime.watching.steering import Steering
 
+FASTEST = 1e6
+"""Largest --speed; 0 stands for as fast as possible."""
+
 View: TypeAlias = Annotated[
     bool, typer.Option("--view", help="Show it live in the browser: the Playground.", rich_help_panel="Playground")
 ]
@@ -40,6 +43,7 @@ Speed: TypeAlias = Annotated[
     float | None,
     typer.Option(
         min=0.0,
+        max=FASTEST,
         help="How fast: changes a second of a plan, seconds a second of a flight; 0 for as fast as possible.",
         rich_help_panel="Playground",
     ),
@@ -166,16 +170,26 @@ def wait_until(happened: Callable[[], bool], seconds: float = math.inf) -> None:
 
 
 def eyes_of(mission: Mission) -> SeenBy:
-    """Return what tells how well an agent sees each landmark from a pose, for heat maps."""
+    """Return what tells how well an agent sees each landmark of a scene from a pose, for heat maps."""
     import numpy as np
 
+    from covey.environment import Landmarks
+    from covey.mission import agent_text, read_agent
     from covey.runtime.agent import build_models
 
-    models, landmarks = build_models(mission), mission.landmarks
+    joining = (agent_text(change.join) for change in mission.changes if change.join is not None)
+    everybody = (
+        *mission.agents,
+        *(read_agent(mission, n, text) for n, text in enumerate(joining, len(mission.agents))),
+    )
+    everybodys = build_models(replace(mission, agents=everybody))
+    models = {agent.name: model for agent, model in zip(everybody, everybodys, strict=True)}
 
-    def seen_by(agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    def seen_by(scene: Scene, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y, _, w, _, _, z = (float(value) for value in pose)
-        seen = models[agent].visibility(np.array([[x, y, 2.0 * math.atan2(z, w)]]), landmarks)
+        normals = None if scene.normals_W is None else scene.normals_W[:, :2]
+        landmarks = Landmarks(scene.positions_W[:, :2], scene.weights, normals)
+        seen = models[scene.agents[agent].name].visibility(np.array([[x, y, 2.0 * math.atan2(z, w)]]), landmarks)
         return np.asarray(seen[0])
 
     return seen_by

@@ -26,12 +26,18 @@ import pytest
 from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
+from covey.cli.main import main
 from covey.cli.view import Live, eyes_of, live
+from covey.environment import Landmarks
 from covey.errors import InputError
 from covey.mission import load_mission
+from covey.runtime.agent import build_models
+from covey.runtime.plan import plan
 from covey.runtime.records.mcap_reader import Record
-from covey.runtime.watching.feed import Ended
+from covey.runtime.records.mcap_record import Recorder
+from covey.runtime.watching.feed import Ended, Run, Scene
 from covey.runtime.watching.steering import Steering
+from covey.runtime.watching.telling import describe
 from covey.sensing import build_model
 
 MISSION = """
@@ -242,12 +248,39 @@ def test_the_page_stays_until_ctrl_c_only_where_somebody_is(monkeypatch: pytest.
 
 def test_heat_maps_are_those_of_the_sensor(mission: Path) -> None:
     loaded = load_mission(mission)
+    scene = describe(loaded, build_models(loaded), run=Run.PLAN, software={})
     pose = loaded.agents[0].pose
     row = np.array([pose.x, pose.y, 1.5, np.cos(0.5 * pose.yaw), 0.0, 0.0, np.sin(0.5 * pose.yaw)])
-    seen = eyes_of(loaded)(0, row)
+    seen = eyes_of(loaded)(scene, 0, row)
     sensor = loaded.agents[0].sensor
     expected = build_model(sensor.model, sensor.options).visibility(pose.as_array()[None, :], loaded.landmarks)[0]
     np.testing.assert_allclose(seen, expected, rtol=1e-9)
+
+
+def test_heat_maps_are_also_of_those_who_join_and_of_what_is_added(mission: Path) -> None:
+    changes = """changes:
+  - {add: {points: [[1.5, 1.5], [1.7, 1.5]]}}
+  - {join: {name: c, pose: {x_m: 0, y_m: 1}, sensor: {model: isotropic, optimal_distance_m: 1.5}}}
+"""
+    mission.write_text(MISSION + changes)
+    loaded = load_mission(mission)
+    scenes: list[Scene] = []
+    plan(loaded, watch=lambda item: scenes.append(item) if isinstance(item, Scene) else None)
+    seen_by, scene = eyes_of(loaded), scenes[-1]
+    seen = seen_by(scene, 2, np.array([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    sensor = build_model("isotropic", {"optimal_distance": 1.5})
+    landmarks = Landmarks(scene.positions_W[:, :2])
+    assert len(landmarks) == len(loaded.landmarks) + 2
+    np.testing.assert_allclose(seen, sensor.visibility(np.array([[0.0, 1.0, 0.0]]), landmarks)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("speed", ["inf", "nan", "1e9", "-1"])
+@pytest.mark.parametrize("command", ["plan", "fly", "playground", "replay"])
+def test_a_speed_is_a_number(command: str, speed: str, mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([command, str(mission), "--speed", speed])
+    assert left.value.code == 2
+    assert "--speed" in capsys.readouterr().err
 
 
 def test_a_record_is_replayed_served_and_written_as_one_file(mission: Path) -> None:
@@ -280,3 +313,13 @@ def test_what_is_no_record_is_said(mission: Path, name: str) -> None:
         assert watched.end()[0] == 2
     assert len(watched.before) == 1
     assert watched.before[0].startswith(f"covey: {name}: ")
+
+
+def test_a_replay_is_not_written_in_place_of_a_directory(mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan(load_mission(mission), watch=(recorder := Recorder(mission.parent / "record.mcap")))
+    recorder.close()
+    for target in ("--html", "--video"):
+        with pytest.raises(SystemExit) as left:
+            main(["replay", str(recorder.path), target, str(mission.parent), "--force"])
+        assert left.value.code == 2
+        assert f"{mission.parent}: expected a file to write, got a directory" in capsys.readouterr().err
