@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 
 import numpy as np
 
 from covey.playground.messages import History, PastChange
-from covey.runtime.watching.feed import Scene, TeamChange, TeamState, Update
+from covey.runtime.watching.feed import ChangeKind, Scene, TeamChange, TeamState, Update
 
 POINTS = 2000
 """Most points of the score curve; beyond it every other one is left out."""
@@ -17,7 +17,7 @@ CHANGES = 200
 
 
 class HistoryKeeper:
-    """Keeps the score curve, thinned out, and the newest changes.
+    """Keeps the score curve, thinned out, the newest changes, and who has traded with whom.
 
     Examples
     --------
@@ -35,12 +35,15 @@ class HistoryKeeper:
         self._newest: tuple[float, float] | None = None
         self._stride, self._count = 1, 0
         self._changes: deque[PastChange] = deque(maxlen=CHANGES)
+        self._traded: Counter[tuple[int, ...]] = Counter()
 
     def add(self, item: Scene | Update) -> None:
         """Take in what a run tells."""
         if isinstance(item, TeamChange):
             self._changes.append(PastChange(item.time, item.kind, item.agents, item.score, item.text))
             self.add_score(item.time, item.score)
+            if item.kind is ChangeKind.TRADE:
+                self._traded[tuple(sorted(item.agents))] += 1
         elif isinstance(item, TeamState):
             self.add_score(item.time, float(item.scores.sum()))
 
@@ -61,4 +64,5 @@ class HistoryKeeper:
         if self._newest is not None and times[-1] != self._newest[0]:
             times.append(self._newest[0])
             scores.append(self._newest[1])
-        return History(np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64), tuple(self._changes))
+        partners = np.array([(*pair, count) for pair, count in self._traded.items()], dtype=np.int32).reshape(-1, 3)
+        return History(np.array(times), np.array(scores), tuple(self._changes), partners)

@@ -89,11 +89,14 @@ class History:
         The curve of the team score, thinned out.
     changes : tuple of PastChange
         The newest ones, in the order of time.
+    partners : array of int32, shape (p, 3)
+        Two agents, and how often they have traded.
     """
 
     times: NDArray[np.float64]
     scores: NDArray[np.float64]
     changes: tuple[PastChange, ...]
+    partners: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,6 +190,7 @@ export interface History {
   times: Encoded<"f8">;
   scores: Encoded<"f8">;
   changes: PastChange[];
+  partners: Encoded<"i4">;
 }
 
 /** The answer to a command that is not carried out; only its sender gets it. */
