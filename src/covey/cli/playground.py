@@ -93,6 +93,7 @@ def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: In
 def _observe(
     mission: Mission, connect: list[str], network: Path | None, watch: Watcher, interruption: Interruption
 ) -> None:
+    from covey.protocol import Heartbeat, Map
     from covey.runtime.network.network_file import OBSERVER, NetworkPlan, load_network
     from covey.runtime.network.network_telling import NetworkTeller
     from covey.runtime.network.observer import Observer
@@ -104,10 +105,14 @@ def _observe(
     with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
         observer = Observer(mission, access, times=joined.times)
         teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
-        settled = False
+        over = False
         while not interruption.noted:
-            observer.step(LISTEN)
-            if observer.over and not settled:
-                observer.settle()
-            settled = observer.over
-            teller.update()
+            news = observer.step(LISTEN)
+            if over and any(not isinstance(item.content, Heartbeat | Map) for item in news):
+                over = False  # somebody has died, or came back
+                teller.tell(teller.scene)
+            if observer.over and not over:
+                over = observer.settle()
+                teller.end("settled", None)
+            if not over:  # who falls silent after the end has left
+                teller.update()

@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from tests.net import free_endpoint
 from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
@@ -32,10 +33,11 @@ from covey.environment import Landmarks
 from covey.errors import InputError
 from covey.mission import load_mission
 from covey.runtime.agent import build_models
+from covey.runtime.network.remote_agent import NETWORK_TIMES
 from covey.runtime.plan import plan
 from covey.runtime.records.mcap_reader import Record
 from covey.runtime.records.mcap_record import Recorder
-from covey.runtime.watching.feed import Ended, Run, Scene
+from covey.runtime.watching.feed import Activity, Ended, Run, Scene
 from covey.runtime.watching.steering import Steering
 from covey.runtime.watching.telling import describe
 from covey.sensing import build_model
@@ -93,6 +95,13 @@ class Watched:
                 return messages + await listen(socket, until)
 
         return asyncio.run(talk())
+
+    def activity_at_the_end(self) -> list[int]:
+        """What each agent is said to be doing, as soon as the mission is over."""
+        messages = self.visit("Ended")
+        assert next(message["status"] for message in messages if message["type"] == "Ended") == "settled"
+        states = [message["activity"]["data"] for message in messages if message["type"] in ("TeamState", "Health")]
+        return list(base64.b64decode(states[-1]))
 
     def end(self) -> tuple[int, str]:
         _, err = self.process.communicate(timeout=120)
@@ -168,6 +177,32 @@ def test_a_team_to_play_with(mission: Path) -> None:
     refused = next(message for message in messages if message["type"] == "Refused")
     assert refused["text"] == "agent: expected one that lives"
     assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_a_team_of_processes_is_watched_to_the_end_and_beyond(mission: Path) -> None:
+    """It goes on after the end when somebody dies, and who leaves after the end is not dead."""
+    folder, meeting_point = mission.parent, free_endpoint()
+    agent = [sys.executable, "-m", "covey", "agent", "--mission", str(mission), "--attached", "--name"]
+    with contextlib.ExitStack() as stack:
+
+        def start(name: str, *where: str) -> subprocess.Popen[bytes]:
+            process = subprocess.Popen([*agent, name, *where], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL)
+            stack.callback(process.communicate)  # closes what it is attached to
+            return process
+
+        start("a", "--listen", meeting_point)
+        second = start("b", "--connect", meeting_point)
+        with covey("playground", str(mission), "--connect", meeting_point, folder=folder) as watched:
+            assert watched.activity_at_the_end() == [Activity.QUIESCENT, Activity.QUIESCENT]
+            second.kill()
+            while watched.activity_at_the_end() != [Activity.QUIESCENT, Activity.DEAD]:
+                time.sleep(0.2)
+            stack.close()
+            time.sleep(NETWORK_TIMES.dead_after + 0.5)
+            assert watched.activity_at_the_end() == [Activity.QUIESCENT, Activity.DEAD]
+            watched.process.send_signal(signal.SIGINT)
+            code, err = watched.end()
+    assert (code, err.count("Traceback")) == (0, 0)
 
 
 @pytest.mark.parametrize("command", ["plan", "fly", "playground"])
