@@ -23,7 +23,7 @@ from covey.mission import AgentSpec, CoverageSpec, Mission, SensorSpec
 from covey.runtime.drawing.map_drawing import FAINT, INK, STYLE, Frame, draw_badges, draw_map
 from covey.runtime.drawing.palette import is_light
 from covey.runtime.records.mcap_reader import Record
-from covey.runtime.watching.feed import POSE, ChangeKind, Motion, Note, Run, Scene, TeamChange, TeamState
+from covey.runtime.watching.feed import POSE, Activity, ChangeKind, Motion, Note, Run, Scene, TeamChange, TeamState
 from covey.runtime.watching.view import TeamView
 
 if TYPE_CHECKING:
@@ -46,6 +46,10 @@ _MARKS = {
     ChangeKind.ABANDONED: ("waypoint given up", "v", 4.0),
     ChangeKind.ADOPTION: ("adoption", "P", 4.0),
     ChangeKind.DEATH: ("loss", "X", 4.5),
+    ChangeKind.RETURN: ("return", "^", 4.0),
+    ChangeKind.JOINED: ("joined", ">", 4.0),
+    ChangeKind.LEFT: ("left", "<", 4.0),
+    ChangeKind.LANDMARKS: ("landmarks changed", "h", 4.0),
 }
 """How changes are marked on the score."""
 
@@ -199,6 +203,7 @@ def _map_figure(story: Story, width: float) -> Figure:
         frame=frame,
         palette=palette,
         radius=7.0 if len(poses) <= 16 else 5.0,
+        present=story.view.activity != Activity.GONE,
     )
     motions = _under_way(story)
     if motions:
