@@ -50,7 +50,7 @@ LOOK_EVERY = 0.2
 """Seconds of a flight between two looks at what the agents are doing."""
 
 HEALTH_EVERY = 1.0
-"""Seconds between two `Health`s of a flight in which nobody's activity changes."""
+"""Seconds between two `Health`s while nobody's activity changes."""
 
 KINDS = {
     "optimization": ChangeKind.OPTIMIZATION,
@@ -236,10 +236,11 @@ class TeamTeller(Teller):
         if offer is not None and agent not in self._offers and self._closed.get(agent) != offer.trade:
             self._offers[agent] = offer
             self._tell_trading(agent, offer, stands=True)
-        self._heard[agent] = self._clock()
+        self._heard[agent] = now = self._clock()
         self._activity[agent] = self._activity_of(node)
         self._acts += 1
-        if self._acts >= max(1, len(self._names) // 4) and self._is_health_news():
+        due = self._is_health_news() or now - self._healthy_at >= HEALTH_EVERY
+        if self._acts >= max(1, len(self._names) // 4) and due:
             self._tell_health()
 
     def reshaped(self, event: str, agents: tuple[int, ...], landmarks: NDArray[np.int64], detail: str) -> None:
