@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -393,7 +394,7 @@ def describe(
                 agent.name,
                 colour,
                 rings(agent.region),
-                agent.sensor.model,
+                PurePath(agent.sensor.model).name,  # where a user keeps a file is nobody else's business
                 float(getattr(model, "optimal_distance", math.nan)),
             )
             for agent, model, colour in zip(mission.agents, models, palette, strict=True)
