@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from tests.net import free_endpoint
 from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
@@ -348,6 +349,22 @@ def test_what_is_no_record_is_said(mission: Path, name: str) -> None:
         assert watched.end()[0] == 2
     assert len(watched.before) == 1
     assert watched.before[0].startswith(f"covey: {name}: ")
+
+
+def test_a_replay_says_what_is_missing_of_a_damaged_record(mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan(load_mission(mission), watch=(recorder := Recorder(mission.parent / "record.mcap")))
+    recorder.close()
+    with recorder.path.open("r+b") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        chunk = summary.chunk_indexes[-1]
+        stream.seek(chunk.chunk_start_offset + chunk.chunk_length // 2)
+        stream.write(b"damaged")
+    with pytest.raises(SystemExit) as left:
+        main(["replay", str(recorder.path), "--html", str(mission.parent / "replay.html")])
+    err = capsys.readouterr().err
+    assert left.value.code == 0
+    assert "is damaged and left out" in err
 
 
 def test_a_replay_is_not_written_in_place_of_a_directory(mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
