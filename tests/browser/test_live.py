@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.browsing import WHITE, Serve, Shown, expected_cells
+from tests.browsing import WHITE, Feed, Serve, Shown, expected_cells
 
 from covey.mission import Mission, load_mission
 from covey.playground.sample import sample_feed
@@ -25,6 +25,7 @@ from covey.runtime.watching.feed import (
     Scene,
     TeamChange,
     TeamState,
+    Trading,
     Update,
     Weights,
 )
@@ -231,6 +232,22 @@ def test_who_comes_late_sees_with_whom_an_agent_has_traded(show: Show, serve: Se
     assert view.scene is not None
     for partner, times in trades.items():
         card.get_by_text(f"{view.scene.agents[partner].name} ×{times}").wait_for()
+
+
+def test_who_comes_late_counts_events_as_those_do_who_were_there(show: Show, serve: Serve, planned: Feed) -> None:
+    server = serve()
+    early = show(server.public_url, wait=False)
+    for item in planned[:-1]:
+        server.watch(item)
+    late = show(server.public_url)
+    events = sum(isinstance(item, TeamChange | Trading) for item in planned)
+    numbers = [
+        shown.page.locator("#log li:not([data-kind=ended]) .when").all_inner_texts()
+        for shown in (early.ready(), late)
+        if shown.wait(lambda state: state["x"] == events)
+    ]
+    assert numbers[0] == numbers[1]
+    assert int(numbers[0][-1]) == 1
 
 
 def test_what_an_agent_sees_by_a_sensor_of_its_own_is_asked_again_when_it_has_moved(show: Show, serve: Serve) -> None:

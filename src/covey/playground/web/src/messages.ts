@@ -33,9 +33,10 @@ export interface SceneObstacle {
   radius: number;
 }
 
-/** One change of the past, without what it changed. */
+/** One change of the past, without what it changed; `step` as in `History`. */
 export interface PastChange {
   time: number;
+  step: number;
   kind: ChangeKind;
   agents: number[];
   score: number;
@@ -187,7 +188,9 @@ export interface Steered {
 /** What went before; it replaces what the page has of score curve and log. */
 export interface History {
   type: "History";
+  step: number;
   times: Encoded<"f8">;
+  steps: Encoded<"i4">;
   scores: Encoded<"f8">;
   changes: PastChange[];
   partners: Encoded<"i4">;

@@ -170,26 +170,20 @@ export class Timeline {
 
   /** What went before the visitor came. */
   restore(history: History): void {
-    const [times, scores] = [values(history.times), values(history.scores)];
-    this.traded = values(history.partners);
-    this.trades.length = 0;
+    const [xs, scores] = [values(this.byEvents ? history.steps : history.times), values(history.scores)];
     this.score = new Series(POINTS_OF_THE_CURVE);
-    const changes = history.changes;
-    const x = (time: number, index: number): number => (this.byEvents ? index + 1 : time);
-    if (this.byEvents) {
-      this.steps = Math.max(this.steps, times.length - 1, changes.length);
-      times.forEach((_, i) => this.score.add(this.steps - times.length + i + 1, scores[i]));
-    } else {
-      times.forEach((time, i) => this.score.add(time, scores[i]));
-    }
+    xs.forEach((x, i) => this.score.add(x, scores[i]));
     this.lastScore = scores.length ? scores[scores.length - 1] : NaN;
     let before = NaN;
-    this.entries = changes.map((change, i) => {
+    this.entries = history.changes.map((change) => {
       const gain = change.score - before;
       before = change.score;
-      return { ...change, x: x(change.time, this.steps - changes.length + i), gain };
+      return { ...change, x: this.byEvents ? change.step : change.time, gain };
     });
-    this.last = this.byEvents ? this.steps : Math.max(this.last, times.length ? times[times.length - 1] : 0);
+    this.traded = values(history.partners);
+    this.trades.length = 0;
+    this.steps = history.step;
+    this.last = this.byEvents ? history.step : Math.max(this.last, xs.length ? xs[xs.length - 1] : 0);
   }
 
   /** How often each agent has traded with this one up to x, most often first. */
