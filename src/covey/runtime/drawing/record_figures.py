@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -240,7 +240,9 @@ def _draw_score(ax: Axes, story: Story) -> None:
     if math.isfinite(story.view.bound):
         ax.axhline(story.view.bound, color=FAINT, linestyle=(0, (4, 2)), linewidth=0.8, label="upper bound")
     ax.set_ylabel("coverage score")
-    room = "best" if (np.diff(scores) < 0.0).any() else "lower right"  # below a curve that only rises
+    room: Literal["best", "lower right"] = (
+        "best" if (np.diff(scores) < 0.0).any() else "lower right"
+    )  # below a curve that only rises
     columns = 1 if len(ax.get_legend_handles_labels()[0]) <= 5 else 2
     ax.legend(loc=room, ncols=columns, frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3, handlelength=1.6)
 
