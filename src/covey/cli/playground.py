@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 LISTEN = 0.05
 """How long to listen to the network at a time, seconds."""
 
+SILENCE = 8.0
+"""Seconds without a word from any agent after which it is said what may be wrong."""
+
 
 def playground(
     mission: Annotated[
@@ -105,9 +108,17 @@ def _observe(
     with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
         observer = Observer(mission, access, times=joined.times)
         teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
-        over = False
+        over, wondering = False, True
         while not interruption.noted:
             news = observer.step(LISTEN)
+            if wondering and (news or observer.time > SILENCE):
+                wondering = False
+                if not news:
+                    typer.echo(
+                        "covey: no agent of this mission is heard yet; expected agents with the same mission file and "
+                        "--seed, one of which listens at the endpoint given",
+                        err=True,
+                    )
             if over and any(not isinstance(item.content, Heartbeat | Map) for item in news):
                 over = False  # somebody has died, or came back
                 teller.tell(teller.scene)

@@ -206,6 +206,16 @@ def test_a_team_of_processes_is_watched_to_the_end_and_beyond(mission: Path) -> 
     assert (code, err.count("Traceback")) == (0, 0)
 
 
+def test_where_nobody_is_heard_it_is_said_what_may_be_wrong(mission: Path) -> None:
+    with covey("playground", str(mission), "--connect", free_endpoint(), folder=mission.parent) as watched:
+        assert watched.process.stderr is not None
+        said = next(line for line in watched.process.stderr if "no agent of this mission is heard yet" in line)
+        watched.process.send_signal(signal.SIGINT)
+        code, _ = watched.end()
+    assert "same mission file and --seed" in said
+    assert code == 0
+
+
 @pytest.mark.parametrize("command", ["plan", "fly", "playground"])
 def test_a_port_that_is_taken_is_said_before_anything_runs(mission: Path, command: str) -> None:
     from covey.playground.server import bind
