@@ -157,8 +157,10 @@ def serve_page(
                 err=True,
             )
         if open_page:
-            webbrowser.open(server.url)
-            wait_until(lambda: bool(server.visitors), OPENING)
+            if webbrowser.open(server.url):
+                wait_until(lambda: bool(server.visitors), OPENING)
+            else:
+                typer.echo("covey: no browser can be opened from here; open the address yourself", err=True)
         yield server
 
 

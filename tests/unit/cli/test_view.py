@@ -7,6 +7,7 @@ import base64
 import contextlib
 import gzip
 import json
+import math
 import os
 import re
 import signal
@@ -254,6 +255,24 @@ def test_other_hosts_are_warned_of(mission: Path, capsys: pytest.CaptureFixture[
     with live(False, mission=loaded, host="127.0.0.1", **options) as shown:
         assert shown == Live()
     assert capsys.readouterr().err == ""
+
+
+def test_where_no_browser_can_be_opened_it_is_said_and_not_waited_for(
+    mission: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def nowhere(url: str) -> bool:
+        asked.append(url)
+        return False
+
+    monkeypatch.setattr("webbrowser.open", nowhere)
+    monkeypatch.setattr("covey.cli.view.OPENING", math.inf)
+    options: dict[str, Any] = {"port": 0, "open_page": True, "speed": None, "usual": 3.0}
+    with live(True, mission=load_mission(mission), host="127.0.0.1", **options):
+        pass
+    assert "#token=" in asked[0]
+    assert "open the address yourself" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", [{"port": 8000}, {"host": "0.0.0.0"}, {"open_page": True}, {"speed": 2.0}])
