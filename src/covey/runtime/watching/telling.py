@@ -240,8 +240,9 @@ class TeamTeller(Teller):
         self._heard[agent] = now = self._clock()
         self._activity[agent] = self._activity_of(node)
         self._acts += 1
-        due = self._is_health_news() or now - self._healthy_at >= HEALTH_EVERY
-        if self._acts >= max(1, len(self._names) // 4) and due:
+        if self._acts < max(1, len(self._names) // 4):
+            return
+        if now - self._healthy_at >= HEALTH_EVERY or self._is_health_news():
             self._tell_health()
 
     def reshaped(self, event: str, agents: tuple[int, ...], landmarks: NDArray[np.int64], detail: str) -> None:
