@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from covey.cli.view import FASTEST, Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
     from covey.mission import Mission
+    from covey.runtime.network.observer import Heard, Observer
     from covey.runtime.result import Progress
     from covey.runtime.watching.feed import Watcher
     from covey.runtime.watching.steering import Steering
@@ -108,7 +110,7 @@ def _observe(
     with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
         observer = Observer(mission, access, times=joined.times)
         teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
-        over, wondering = False, True
+        over, behind, wondering = False, True, True
         while not interruption.noted:
             news = observer.step(LISTEN)
             if wondering and (news or observer.time > SILENCE):
@@ -119,6 +121,7 @@ def _observe(
                         "--seed, one of which listens at the endpoint given",
                         err=True,
                     )
+            behind = behind and not catch_up(observer, news)
             if over and any(not isinstance(item.content, Heartbeat | Map) for item in news):
                 over = False  # somebody has died, or came back
                 teller.tell(teller.scene)
@@ -127,3 +130,22 @@ def _observe(
                 teller.end("settled", None)
             if not over:  # who falls silent after the end has left
                 teller.update()
+
+
+def catch_up(observer: Observer, news: Sequence[Heard]) -> bool:
+    """Take over what a team has come to before events told of it; whether that is done with.
+
+    What comes first counts: a map that has everything, or an event, since the map may be older than that.
+    """
+    from covey.protocol import Heartbeat, Map
+    from covey.protocol.records import NOBODY, OWNER
+
+    if any(not isinstance(item.content, Heartbeat | Map) for item in news):
+        return True
+    for item in news:
+        if isinstance(item.content, Map):
+            owner = item.content.records.values[:, OWNER]
+            if len(owner) == len(observer.mission.landmarks) and (owner != NOBODY).all():
+                observer.team.settle(owner, {agent: known.pose for agent, known in item.content.poses.items()})
+                return True
+    return False

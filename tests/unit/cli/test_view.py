@@ -26,14 +26,18 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from tests.net import free_endpoint
+from tests.unit.runtime.test_network_telling import Network, beat
 from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
 from covey.cli.main import main
+from covey.cli.playground import catch_up
 from covey.cli.view import Live, eyes_of, live
 from covey.environment import Landmarks
 from covey.errors import InputError
+from covey.geometry import Pose2
 from covey.mission import load_mission
+from covey.protocol import Cause, LandmarkRecords, Map, PoseOptimized, PoseRecord, Sender
 from covey.runtime.agent import build_models
 from covey.runtime.network.remote_agent import NETWORK_TIMES
 from covey.runtime.plan import plan
@@ -205,6 +209,32 @@ def test_a_team_of_processes_is_watched_to_the_end_and_beyond(mission: Path) -> 
             watched.process.send_signal(signal.SIGINT)
             code, err = watched.end()
     assert (code, err.count("Traceback")) == (0, 0)
+
+
+def test_who_comes_to_a_running_team_late_sees_what_it_has_come_to() -> None:
+    network = Network()
+    n, pose = len(network.mission.landmarks), Pose2(0.5, -0.5, 1.0)
+    records = LandmarkRecords.unknown(n)
+    poses = {2: PoseRecord(3, 1, pose)}
+    network.said = [beat(0), Map(Sender(0, 1), records.known(), poses)]  # it has not begun
+    assert not catch_up(network.observer, network.observer.step(0.1))
+    records.merge(LandmarkRecords.initial(n, {0: np.arange(9), 1: np.arange(9, n)}).all())
+    network.said = [beat(0), Map(Sender(0, 1), records.known(), poses)]
+    assert catch_up(network.observer, network.observer.step(0.1))
+    network.teller.update()
+    assert network.view.owner.tolist() == [0] * 9 + [1] * (n - 9)
+    assert network.view.poses[2, :2].tolist() == [0.5, -0.5]
+
+
+def test_who_was_there_from_the_start_believes_events_and_not_older_maps() -> None:
+    network = Network()
+    n, moved = len(network.mission.landmarks), Pose2(0.5, -0.5, 1.0)
+    known = Map(Sender(1, 1), LandmarkRecords.initial(n, {0: np.arange(n)}).all(), {})
+    network.said = [beat(0), known, PoseOptimized(0, moved, 0.0, 1.0, Cause.OPTIMIZER)]
+    before = network.observer.team.owner.tolist()
+    assert catch_up(network.observer, network.observer.step(0.1))
+    assert network.observer.team.owner.tolist() == before
+    assert network.observer.team.poses[0] == moved
 
 
 def test_where_nobody_is_heard_it_is_said_what_may_be_wrong(mission: Path) -> None:
