@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.browsing import WHITE, Serve, Shown, expected_cells
+from numpy.typing import NDArray
+from tests.browsing import WHITE, Feed, Serve, Shown, expected_cells
 
 from covey.mission import Mission, load_mission
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
 from covey.runtime.live_team import LiveTeam
 from covey.runtime.plan import plan
-from covey.runtime.watching.feed import Activity, Scene, Update
+from covey.runtime.watching.feed import (
+    Activity,
+    ChangeKind,
+    Scene,
+    TeamChange,
+    TeamState,
+    Trading,
+    Update,
+    Weights,
+)
 from covey.runtime.watching.steering import AddObstacle, Kill, Pause, Revive, SetLoss, SetWeight, Steering
 from covey.runtime.watching.view import TeamView
 
@@ -186,6 +198,86 @@ def test_every_control_asks_for_what_it_says(show: Show, serve: Serve) -> None:
     page.locator("#status", has_text="paused").wait_for()
     assert steering.pace.speed == 2.0
     assert steering.pace.paused
+
+
+def test_a_landmark_that_becomes_worth_more_looks_stronger_than_the_others(show: Show, serve: Serve) -> None:
+    server = serve()
+    feed = sample_feed(agents=3, landmarks=100, seconds=1.0)
+    scene = next(feed)
+    assert isinstance(scene, Scene)
+    for item in (scene, next(feed)):
+        server.watch(item)
+    shown = show(server.public_url)
+    before = shown.cells(scene)
+    server.watch(Weights(0.0, np.array([37], dtype=np.int32), np.array([4.0])))
+    shown.wait(lambda state: state["weights"][37] == 4.0)
+    after = shown.cells(scene)
+    np.testing.assert_array_equal(after[37], before[37])
+    paler = after.sum(axis=1) > before.sum(axis=1)
+    assert paler[np.arange(100) != 37].all()
+
+
+def test_who_comes_late_sees_with_whom_an_agent_has_traded(show: Show, serve: Serve) -> None:
+    server = serve()
+    view = TeamView()
+    trades: Counter[int] = Counter()
+    for item in sample_feed(agents=3, landmarks=100, seconds=20.0):
+        tell(server, view)(item)
+        if isinstance(item, TeamChange) and item.kind is ChangeKind.TRADE and 0 in item.agents:
+            trades.update(set(item.agents) - {0})
+    assert len(trades) == 2
+    shown = show(server.public_url)
+    shown.page.keyboard.press("]")
+    card = shown.page.locator("#card .partners")
+    assert view.scene is not None
+    for partner, times in trades.items():
+        card.get_by_text(f"{view.scene.agents[partner].name} ×{times}").wait_for()
+
+
+def test_who_comes_late_counts_events_as_those_do_who_were_there(show: Show, serve: Serve, planned: Feed) -> None:
+    server = serve()
+    early = show(server.public_url, wait=False)
+    for item in planned[:-1]:
+        server.watch(item)
+    late = show(server.public_url)
+    events = sum(isinstance(item, TeamChange | Trading) for item in planned)
+    numbers = [
+        shown.page.locator("#log li:not([data-kind=ended]) .when").all_inner_texts()
+        for shown in (early.ready(), late)
+        if shown.wait(lambda state: state["x"] == events)
+    ]
+    assert numbers[0] == numbers[1]
+    assert int(numbers[0][-1]) == 1
+
+
+def test_what_an_agent_sees_by_a_sensor_of_its_own_is_asked_again_when_it_has_moved(show: Show, serve: Serve) -> None:
+    """It sees one landmark: the nearest."""
+
+    def seen_by(scene: Scene, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        away = np.linalg.norm(scene.positions_W[:, :2] - pose[:2], axis=1)
+        return np.where(away == away.min(), 1.0, 0.0)
+
+    server = serve(seen_by=seen_by)
+    feed = sample_feed(agents=3, landmarks=100, seconds=1.0)
+    scene, state = next(feed), next(feed)
+    assert isinstance(scene, Scene)
+    assert isinstance(state, TeamState)
+    scene = replace(scene, agents=tuple(replace(agent, sensor="own.py:Own") for agent in scene.agents))
+    server.watch(scene)
+    shown = show(server.public_url, wait=False)
+    for landmark in (12, 47):
+        poses = state.poses.copy()
+        poses[0, :2] = scene.positions_W[landmark, :2]
+        server.watch(replace(state, poses=poses))
+        if landmark == 12:
+            shown.ready().page.keyboard.press("]")
+        for _ in range(100):
+            if shown.settle().cells(scene).sum(axis=1).argmax() == landmark:
+                break
+            shown.page.wait_for_timeout(50)
+        light = shown.cells(scene).sum(axis=1)
+        assert light.argmax() == landmark
+        assert (light == light.max()).sum() == 1
 
 
 def test_what_is_refused_is_said(show: Show, serve: Serve) -> None:

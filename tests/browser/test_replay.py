@@ -90,6 +90,18 @@ def test_a_click_on_the_score_curve_goes_there(show: Show, serve: Serve, flight_
     assert math.isclose(shown.settle().state()["x"], 5.0, abs_tol=0.6)
 
 
+def test_the_score_curve_is_read_out_under_the_pointer(show: Show, serve: Serve, flight_record: bytes) -> None:
+    shown = show(serve(record=flight_record).public_url)
+    picture = "() => document.getElementById('chart').toDataURL()"
+    chart = shown.page.locator("#chart")
+    shown.page.wait_for_timeout(500)  # nothing happens any more
+    before = shown.page.evaluate(picture)
+    chart.hover(position={"x": 200, "y": 60})
+    assert shown.settle().page.evaluate(picture) != before
+    shown.page.mouse.move(5, 5)
+    assert shown.settle().page.evaluate(picture) == before
+
+
 def test_a_file_from_the_disk_plays_without_a_network(
     show: Show, tmp_path: Path, planned: Feed, plan_record: bytes
 ) -> None:

@@ -62,7 +62,7 @@ def figures(
         try:
             drawn[choice] = record_figure(story, choice, width_mm=width_mm)
         except ArgumentError as error:
-            raise typer.BadParameter(str(error), param_hint="--kind") from error
+            raise typer.BadParameter(str(error).removeprefix("kind: "), param_hint="--kind") from error
     made = [f"{choice.value}.{suffix}" for choice in drawn for suffix in formats]
     with staged(out, made) as staging:
         for choice, figure in drawn.items():

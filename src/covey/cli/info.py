@@ -106,7 +106,7 @@ def _print(found: dict[str, Any]) -> None:
     from covey.cli.summary import printable
 
     console = Console(highlight=False)
-    whole = "complete" if found["complete"] else "CUT"
+    whole = "CUT" if not found["complete"] else "DAMAGED" if found["problems"] else "complete"
     ended = {None: "it did not end", "settled": "settled", "interrupted": "interrupted"}.get(found["status"], "ended")
     proof = {None: "none", True: "the certificate holds", False: "the certificate is VIOLATED"}
     score = found["score"]

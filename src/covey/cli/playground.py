@@ -10,16 +10,20 @@ import typer
 
 from covey.cli.arguments import Seed, named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.view import Eyes, Host, Open, Port, eyes_of, serve_page
+from covey.cli.view import FASTEST, Eyes, Host, Open, Port, eyes_of, serve_page
 
 if TYPE_CHECKING:
     from covey.mission import Mission
+    from covey.runtime.network.network_file import NetworkPlan
     from covey.runtime.result import Progress
     from covey.runtime.watching.feed import Watcher
     from covey.runtime.watching.steering import Steering
 
 LISTEN = 0.05
 """How long to listen to the network at a time, seconds."""
+
+SILENCE = 8.0
+"""Seconds without a word from any agent after which it is said what may be wrong."""
 
 
 def playground(
@@ -38,7 +42,9 @@ def playground(
     port: Port = 0,
     host: Host = "127.0.0.1",
     open_page: Open = False,
-    speed: Annotated[float, typer.Option(min=0.0, help="Seconds a second; 0 for as fast as possible.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.0, max=FASTEST, help="Seconds a second; 0 for as fast as possible.")
+    ] = 1.0,
 ) -> None:
     """Play with a mission in the browser: let messages get lost, kill agents, let them come back, and watch.
 
@@ -63,8 +69,13 @@ def playground(
     from covey.runtime.watching.steering import Steering
 
     observes = bool(connect or network)
+    plan: NetworkPlan | None = None
     if observes:
+        from covey.runtime.network.network_file import OBSERVER, NetworkPlan, load_network
+
         check_processes(loaded)
+        plan = NetworkPlan() if network is None else load_network(network, loaded)
+        plan = plan.joined(connect=tuple(connect or ())).for_name(OBSERVER)
     else:
         check_playable(loaded)
     steering = None if observes else Steering(speed=speed)
@@ -74,9 +85,9 @@ def playground(
         Interruption() as interruption,
     ):
         typer.echo("covey: it goes on until you press Ctrl-C", err=True)
-        if steering is None:
-            _observe(loaded, connect or [], network, server.watch, eyes, interruption)
-        else:
+        if plan is not None:
+            _observe(loaded, plan, server.watch, eyes, interruption)
+        elif steering is not None:
             _play(loaded, server.watch, steering, interruption)
 
 
@@ -89,30 +100,33 @@ def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: In
     LiveTeam(mission, watch=watch, steering=steering).play(until=lambda: interruption.noted, on_progress=report)
 
 
-def _observe(
-    mission: Mission,
-    connect: list[str],
-    network: Path | None,
-    watch: Watcher,
-    eyes: Eyes,
-    interruption: Interruption,
-) -> None:
-    from covey.runtime.network.network_file import OBSERVER, NetworkPlan, load_network
+def _observe(mission: Mission, plan: NetworkPlan, watch: Watcher, eyes: Eyes, interruption: Interruption) -> None:
+    from covey.protocol import Heartbeat, Map
     from covey.runtime.network.network_telling import NetworkTeller
     from covey.runtime.network.observer import Observer
     from covey.runtime.network.remote_agent import mission_codec
     from covey.transports.zenoh import ZenohObserver
 
-    plan = NetworkPlan() if network is None else load_network(network, mission)
-    joined = plan.joined(connect=tuple(connect)).for_name(OBSERVER)
-    with closing(ZenohObserver(mission_codec(mission), joined.options)) as access:
-        observer = Observer(mission, access, times=joined.times)
+    with closing(ZenohObserver(mission_codec(mission), plan.options)) as access:
+        observer = Observer(mission, access, times=plan.times, late=True)
         eyes.follow(observer.team.planner)
-        teller = NetworkTeller(watch, observer, dead_after=joined.times.dead_after)
-        settled = False
+        teller = NetworkTeller(watch, observer, dead_after=plan.times.dead_after)
+        over, wondering = False, True
         while not interruption.noted:
-            observer.step(LISTEN)
-            if observer.over and not settled:
-                observer.settle()
-            settled = observer.over
-            teller.update()
+            news = observer.step(LISTEN)
+            if wondering and (news or observer.time > SILENCE):
+                wondering = False
+                if not news:
+                    typer.echo(
+                        "covey: no agent of this mission is heard yet; expected agents with the same mission file and "
+                        "--seed, one of which listens at the endpoint given",
+                        err=True,
+                    )
+            if over and any(not isinstance(item.content, Heartbeat | Map) for item in news):
+                over = False  # somebody has died, or came back
+                teller.tell(teller.scene)
+            if observer.over and not over:
+                over = observer.settle()
+                teller.end("settled", None)
+            if not over:  # who falls silent after the end has left
+                teller.update()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,10 +11,10 @@ import typer
 
 from covey.cli.arguments import named_path
 from covey.cli.interrupt import Interruption
-from covey.cli.view import Host, Open, Port, serve_page, wait_until
+from covey.cli.view import FASTEST, Host, Open, Port, serve_page, wait_until
 
 if TYPE_CHECKING:
-    from covey.runtime.records.mcap_reader import Record
+    from covey.runtime.watching.feed import Scene, Update
 
 
 def replay(
@@ -30,7 +31,9 @@ def replay(
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option(min=0.01, help="How many times as fast; of a plan's film, changes and offers a second."),
+        typer.Option(
+            min=0.01, max=FASTEST, help="How many times as fast; of a plan's film, changes and offers a second."
+        ),
     ] = None,
     port: Port = 0,
     host: Host = "127.0.0.1",
@@ -57,38 +60,40 @@ def replay(
     from covey.runtime.records.mcap_reader import Record
 
     for target in (html, video):
+        if target is not None and target.is_dir():
+            raise OutputError(f"{target}: expected a file to write, got a directory; choose another name")
         if target is not None and os.path.lexists(target) and not force:
             raise OutputError(f"{target}: is there already; choose another name, or replace it with --force")
     with Record(record) as opened:
-        for problem in opened.problems:
+        told = list(opened.items())
+        for problem in opened.problems:  # all are known when all was read
             typer.echo(f"covey: {problem}", err=True)
-        if html is not None:
-            _write_html(opened, html)
-        if video is not None:
-            _write_video(opened, video, speed=speed, quiet=quiet)
-        if html is None and video is None:
-            from covey.playground.offline import feed_bytes
+    if html is not None:
+        _write_html(told, html)
+    if video is not None:
+        _write_video(told, video, speed=speed, quiet=quiet)
+    if html is None and video is None:
+        from covey.playground.offline import feed_bytes
 
-            feed = feed_bytes(opened.items())
-            with (
-                Interruption() as interruption,
-                serve_page(host=host, port=port, open_page=open_page, record=feed, speed=speed or 1.0),
-            ):
-                typer.echo("covey: the page stays until you press Ctrl-C", err=True)
-                wait_until(lambda: interruption.noted)
+        with (
+            Interruption() as interruption,
+            serve_page(host=host, port=port, open_page=open_page, record=feed_bytes(told), speed=speed or 1.0),
+        ):
+            typer.echo("covey: the page stays until you press Ctrl-C", err=True)
+            wait_until(lambda: interruption.noted)
 
 
-def _write_html(record: Record, target: Path) -> None:
+def _write_html(told: Sequence[Scene | Update], target: Path) -> None:
     from covey.playground.offline import feed_bytes, offline_page
     from covey.runtime.records.output import staged
 
-    page = offline_page(feed_bytes(record.items()))
+    page = offline_page(feed_bytes(told))
     with staged(target.parent, [target.name]) as folder:
         (folder / target.name).write_text(page, encoding="utf-8")
     typer.echo(f"covey: wrote {target}, {target.stat().st_size / 1e6:.1f} MB", err=True)
 
 
-def _write_video(record: Record, target: Path, *, speed: float | None, quiet: bool) -> None:
+def _write_video(told: Sequence[Scene | Update], target: Path, *, speed: float | None, quiet: bool) -> None:
     from covey.cli.progress import ProgressLine
     from covey.runtime.drawing.record_film import write_record_film
     from covey.runtime.result import Progress
@@ -99,5 +104,5 @@ def _write_video(record: Record, target: Path, *, speed: float | None, quiet: bo
             interruption.check()
             progress(Progress("filming", float("nan"), fraction=done))
 
-        write_record_film(list(record.items()), target, speed=speed, on_progress=report)
+        write_record_film(told, target, speed=speed, on_progress=report)
     typer.echo(f"covey: wrote {target}, {target.stat().st_size / 1e6:.1f} MB", err=True)

@@ -7,9 +7,9 @@ import os
 import sys
 import time
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
@@ -21,13 +21,15 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from covey.environment import Landmarks
     from covey.mission import Mission
     from covey.playground.server import PlaygroundServer, SeenBy
     from covey.runtime.agent import TeamPlanner
     from covey.runtime.watching.feed import Scene, Update, Watcher
     from covey.runtime.watching.steering import Steering
     from covey.sensing import VisibilityModel
+
+FASTEST = 1e6
+"""Largest --speed; 0 stands for as fast as possible."""
 
 View: TypeAlias = Annotated[
     bool, typer.Option("--view", help="Show it live in the browser: the Playground.", rich_help_panel="Playground")
@@ -43,6 +45,7 @@ Speed: TypeAlias = Annotated[
     float | None,
     typer.Option(
         min=0.0,
+        max=FASTEST,
         help="How fast: changes a second of a plan, seconds a second of a flight; 0 for as fast as possible.",
         rich_help_panel="Playground",
     ),
@@ -162,8 +165,10 @@ def serve_page(
                 err=True,
             )
         if open_page:
-            webbrowser.open(server.url)
-            wait_until(lambda: bool(server.visitors), OPENING)
+            if webbrowser.open(server.url):
+                wait_until(lambda: bool(server.visitors), OPENING)
+            else:
+                typer.echo("covey: no browser can be opened from here; open the address yourself", err=True)
         yield server
 
 
@@ -175,39 +180,45 @@ def wait_until(happened: Callable[[], bool], seconds: float = math.inf) -> None:
 
 
 class Eyes:
-    """Knows how well an agent sees each landmark from a pose, for heat maps.
+    """Knows how well an agent sees each landmark of a scene from a pose, for heat maps.
 
     Parameters
     ----------
-    models : sequence of VisibilityModel
-        Each agent's sensor.
-    landmarks : Landmarks
+    models : mapping of str to VisibilityModel
+        Each agent's sensor, by name.
     """
 
-    def __init__(self, models: Sequence[VisibilityModel], landmarks: Landmarks) -> None:
+    def __init__(self, models: Mapping[str, VisibilityModel]) -> None:
+        self._models = models
         self._planner: TeamPlanner | None = None
-        self._models, self._landmarks = models, landmarks
 
     def follow(self, planner: TeamPlanner) -> None:
-        """From now on see with the agents and landmarks that a planner knows, which may change."""
+        """From now on use the sensors that a planner knows, which learns of agents that join."""
         self._planner = planner
 
-    def __call__(self, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, scene: Scene, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return, shape (n,), how well an agent sees each landmark from a pose (`covey.runtime.watching.feed.POSE`)."""
-        planner = self._planner
-        if planner is None:
-            models, landmarks = self._models, self._landmarks
-        else:
-            models, landmarks = planner.models, planner.landmarks
-        x, y, _, w, _, _, z = (float(value) for value in pose)
         import numpy as np
 
-        yaw = 2.0 * math.atan2(z, w)
-        return np.asarray(models[agent].visibility(np.array([[x, y, yaw]]), landmarks)[0])
+        from covey.environment import Landmarks
+
+        planner = self._planner
+        model = self._models[scene.agents[agent].name] if planner is None else planner.models[agent]
+        x, y, _, w, _, _, z = (float(value) for value in pose)
+        normals = None if scene.normals_W is None else scene.normals_W[:, :2]
+        landmarks = Landmarks(scene.positions_W[:, :2], scene.weights, normals)
+        return np.asarray(model.visibility(np.array([[x, y, 2.0 * math.atan2(z, w)]]), landmarks)[0])
 
 
 def eyes_of(mission: Mission) -> Eyes:
-    """Return what the agents of a mission see with."""
+    """Return what the agents of a mission see with, those that join among them."""
+    from covey.mission import agent_text, read_agent
     from covey.runtime.agent import build_models
 
-    return Eyes(build_models(mission), mission.landmarks)
+    joining = (agent_text(change.join) for change in mission.changes if change.join is not None)
+    everybody = (
+        *mission.agents,
+        *(read_agent(mission, n, text) for n, text in enumerate(joining, len(mission.agents))),
+    )
+    models = build_models(replace(mission, agents=everybody))
+    return Eyes({agent.name: model for agent, model in zip(everybody, models, strict=True)})

@@ -56,15 +56,11 @@ class Broadcast:
         self._encoded_scene = (0, "")
         self._steered: Steered | None = None
 
-    @property
-    def scene(self) -> Scene | None:
-        """The newest scene."""
-        return self._view.scene
-
-    def pose(self, agent: int) -> NDArray[np.float64]:
-        """Return an agent's committed pose, see `covey.runtime.watching.feed.POSE`."""
+    def whereabouts(self, agent: int) -> tuple[Scene | None, NDArray[np.float64] | None]:
+        """Return the newest scene, and an agent's committed pose in it (`runtime.watching.feed.POSE`), if any."""
         with self._lock:
-            return np.array(self._view.poses[agent])
+            known = 0 <= agent < len(self._view.poses)
+            return self._view.scene, np.array(self._view.poses[agent]) if known else None
 
     def __call__(self, item: Scene | Update) -> None:
         """Take in what a run tells."""

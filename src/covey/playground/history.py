@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 
 import numpy as np
 
 from covey.playground.messages import History, PastChange
-from covey.runtime.watching.feed import Scene, TeamChange, TeamState, Update
+from covey.runtime.watching.feed import ChangeKind, Scene, TeamChange, TeamState, Trading, Update
 
 POINTS = 2000
 """Most points of the score curve; beyond it every other one is left out."""
@@ -17,7 +17,7 @@ CHANGES = 200
 
 
 class HistoryKeeper:
-    """Keeps the score curve, thinned out, and the newest changes.
+    """Keeps the score curve, thinned out, the newest changes, and who has traded with whom.
 
     Examples
     --------
@@ -30,35 +30,39 @@ class HistoryKeeper:
     """
 
     def __init__(self) -> None:
-        self._times: list[float] = []
-        self._scores: list[float] = []
-        self._newest: tuple[float, float] | None = None
+        self._curve: list[tuple[float, int, float]] = []
+        self._newest: tuple[float, int, float] | None = None
         self._stride, self._count = 1, 0
+        self._step = 0
         self._changes: deque[PastChange] = deque(maxlen=CHANGES)
+        self._traded: Counter[tuple[int, ...]] = Counter()
 
     def add(self, item: Scene | Update) -> None:
         """Take in what a run tells."""
+        self._step += isinstance(item, TeamChange | Trading)
         if isinstance(item, TeamChange):
-            self._changes.append(PastChange(item.time, item.kind, item.agents, item.score, item.text))
+            self._changes.append(PastChange(item.time, self._step, item.kind, item.agents, item.score, item.text))
             self.add_score(item.time, item.score)
+            if item.kind is ChangeKind.TRADE:
+                self._traded[tuple(sorted(item.agents))] += 1
         elif isinstance(item, TeamState):
             self.add_score(item.time, float(item.scores.sum()))
 
     def add_score(self, time: float, score: float) -> None:
         """Add a point to the curve."""
-        self._newest = (time, score)
+        self._newest = (time, self._step, score)
         if self._count % self._stride == 0:
-            self._times.append(time)
-            self._scores.append(score)
-            if len(self._times) > POINTS:
-                del self._times[1::2], self._scores[1::2]
+            self._curve.append(self._newest)
+            if len(self._curve) > POINTS:
+                del self._curve[1::2]
                 self._stride *= 2
         self._count += 1
 
     def history(self) -> History:
         """Return it as a message; the newest point is always there."""
-        times, scores = list(self._times), list(self._scores)
-        if self._newest is not None and times[-1] != self._newest[0]:
-            times.append(self._newest[0])
-            scores.append(self._newest[1])
-        return History(np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64), tuple(self._changes))
+        curve = list(self._curve)
+        if self._newest is not None and curve[-1] != self._newest:
+            curve.append(self._newest)
+        times, steps, scores = np.array(curve, dtype=np.float64).reshape(-1, 3).T.copy()
+        partners = np.array([(*pair, count) for pair, count in self._traded.items()], dtype=np.int32).reshape(-1, 3)
+        return History(self._step, times, steps.astype(np.int32), scores, tuple(self._changes), partners)

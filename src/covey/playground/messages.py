@@ -70,9 +70,10 @@ class Steered:
 
 @dataclass(frozen=True, slots=True)
 class PastChange:
-    """One change of the past, without what it changed."""
+    """One change of the past, without what it changed; `step` as in `History`."""
 
     time: float
+    step: int
     kind: ChangeKind
     agents: tuple[int, ...]
     score: float
@@ -85,15 +86,22 @@ class History:
 
     Parameters
     ----------
-    times, scores : array, shape (k,)
-        The curve of the team score, thinned out.
+    step : int
+        So many changes and offers were there.
+    times, steps, scores : array, shape (k,)
+        The curve of the team score, thinned out: when, after how many changes and offers, and how much.
     changes : tuple of PastChange
         The newest ones, in the order of time.
+    partners : array of int32, shape (p, 3)
+        Two agents, and how often they have traded.
     """
 
+    step: int
     times: NDArray[np.float64]
+    steps: NDArray[np.int32]
     scores: NDArray[np.float64]
     changes: tuple[PastChange, ...]
+    partners: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)

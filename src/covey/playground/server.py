@@ -22,7 +22,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from covey.errors import ArgumentError, NetworkError, OutputError
+from covey.errors import ArgumentError, CoveyError, NetworkError, OutputError
 from covey.playground.broadcast import Broadcast
 from covey.playground.client import Visitor
 from covey.playground.controls import Controls
@@ -46,8 +46,9 @@ PATIENCE = 10.0
 TURNED_AWAY = 1008
 """WebSocket's close code for those who break the rules."""
 
-SeenBy: TypeAlias = Callable[[int, NDArray[np.float64]], NDArray[np.float64]]
-"""Takes an agent and its committed pose (`runtime.watching.feed.POSE`); returns how well it sees each landmark."""
+SeenBy: TypeAlias = Callable[[Scene, int, NDArray[np.float64]], NDArray[np.float64]]
+"""Takes a scene, an agent of it and its committed pose (`runtime.watching.feed.POSE`); returns how well it sees each
+landmark."""
 
 
 class PlaygroundServer:
@@ -103,7 +104,7 @@ class PlaygroundServer:
         self.controls = Controls(steering)
         self._broadcast = Broadcast()
         self._seen_by = seen_by
-        self._seen: dict[int, tuple[bytes, str]] = {}
+        self._seen: dict[int, tuple[Scene, bytes, str]] = {}
         self._record = record
         self._speed = speed
         self._page = load_page(static or STATIC)
@@ -259,17 +260,28 @@ class PlaygroundServer:
         return Response(self._record, media_type="application/jsonl", headers={"Content-Encoding": "gzip"})
 
     async def _send_heatmap(self, request: Request) -> Response:
-        scene, asked = self._broadcast.scene, request.query_params.get("agent", "")
+        asked = request.query_params.get("agent", "")
         agent = int(asked) if asked.isascii() and asked.isdigit() and len(asked) < 7 else -1
-        if scene is None or self._seen_by is None or not 0 <= agent < len(scene.agents):
+        try:
+            text = await self._heatmap(agent)
+        except CoveyError:  # a sensor of the user's own
+            text = None
+        if text is None:
             return PlainTextResponse("Nothing is known of what this agent sees.\n", 404)
-        pose = self._broadcast.pose(agent)
-        known, text = self._seen.get(agent, (b"", ""))
-        if known != pose.tobytes():
-            seen = await asyncio.to_thread(self._seen_by, agent, pose)
-            text = encode(HeatMap(agent, seen.astype(np.float32)))
-            self._seen[agent] = pose.tobytes(), text
         return Response(text, media_type="application/json")
+
+    async def _heatmap(self, agent: int) -> str | None:
+        """Return what an agent sees as a message, computed once for a scene and a pose."""
+        scene, pose = self._broadcast.whereabouts(agent)
+        if scene is None or pose is None or self._seen_by is None:
+            return None
+        known = self._seen.get(agent)
+        if known is not None and known[0] is scene and known[1] == pose.tobytes():
+            return known[2]
+        seen = await asyncio.to_thread(self._seen_by, scene, agent, pose)
+        text = encode(HeatMap(agent, seen.astype(np.float32)))
+        self._seen[agent] = scene, pose.tobytes(), text
+        return text
 
 
 async def _send(socket: WebSocket, visitor: Visitor) -> None:

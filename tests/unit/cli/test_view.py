@@ -7,6 +7,7 @@ import base64
 import contextlib
 import gzip
 import json
+import math
 import os
 import re
 import signal
@@ -23,15 +24,24 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from tests.net import free_endpoint
 from tests.visitors import HELLO, listen
 from websockets.asyncio.client import connect
 
+from covey.cli.main import main
 from covey.cli.view import Live, eyes_of, live
+from covey.environment import Landmarks
 from covey.errors import InputError
 from covey.mission import load_mission
+from covey.runtime.agent import build_models
+from covey.runtime.network.remote_agent import NETWORK_TIMES
+from covey.runtime.plan import plan
 from covey.runtime.records.mcap_reader import Record
-from covey.runtime.watching.feed import Ended
+from covey.runtime.records.mcap_record import Recorder
+from covey.runtime.watching.feed import Activity, Ended, Run, Scene
 from covey.runtime.watching.steering import Steering
+from covey.runtime.watching.telling import describe
 from covey.sensing import build_model
 
 MISSION = """
@@ -87,6 +97,13 @@ class Watched:
                 return messages + await listen(socket, until)
 
         return asyncio.run(talk())
+
+    def activity_at_the_end(self) -> list[int]:
+        """What each agent is said to be doing, as soon as the mission is over."""
+        messages = self.visit("Ended")
+        assert next(message["status"] for message in messages if message["type"] == "Ended") == "settled"
+        states = [message["activity"]["data"] for message in messages if message["type"] in ("TeamState", "Health")]
+        return list(base64.b64decode(states[-1]))
 
     def end(self) -> tuple[int, str]:
         _, err = self.process.communicate(timeout=120)
@@ -165,6 +182,42 @@ def test_a_team_to_play_with(mission: Path) -> None:
     assert list(mission.parent.iterdir()) == [mission]
 
 
+def test_a_team_of_processes_is_watched_to_the_end_and_beyond(mission: Path) -> None:
+    """It goes on after the end when somebody dies, and who leaves after the end is not dead."""
+    folder, meeting_point = mission.parent, free_endpoint()
+    agent = [sys.executable, "-m", "covey", "agent", "--mission", str(mission), "--attached", "--name"]
+    with contextlib.ExitStack() as stack:
+
+        def start(name: str, *where: str) -> subprocess.Popen[bytes]:
+            process = subprocess.Popen([*agent, name, *where], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL)
+            stack.callback(process.communicate)  # closes what it is attached to
+            return process
+
+        start("a", "--listen", meeting_point)
+        second = start("b", "--connect", meeting_point)
+        with covey("playground", str(mission), "--connect", meeting_point, folder=folder) as watched:
+            assert watched.activity_at_the_end() == [Activity.QUIESCENT, Activity.QUIESCENT]
+            second.kill()
+            while watched.activity_at_the_end() != [Activity.QUIESCENT, Activity.DEAD]:
+                time.sleep(0.2)
+            stack.close()
+            time.sleep(NETWORK_TIMES.dead_after + 0.5)
+            assert watched.activity_at_the_end() == [Activity.QUIESCENT, Activity.DEAD]
+            watched.process.send_signal(signal.SIGINT)
+            code, err = watched.end()
+    assert (code, err.count("Traceback")) == (0, 0)
+
+
+def test_where_nobody_is_heard_it_is_said_what_may_be_wrong(mission: Path) -> None:
+    with covey("playground", str(mission), "--connect", free_endpoint(), folder=mission.parent) as watched:
+        assert watched.process.stderr is not None
+        said = next(line for line in watched.process.stderr if "no agent of this mission is heard yet" in line)
+        watched.process.send_signal(signal.SIGINT)
+        code, _ = watched.end()
+    assert "same mission file and --seed" in said
+    assert code == 0
+
+
 @pytest.mark.parametrize("command", ["plan", "fly", "playground"])
 def test_a_port_that_is_taken_is_said_before_anything_runs(mission: Path, command: str) -> None:
     from covey.playground.server import bind
@@ -205,6 +258,24 @@ def test_other_hosts_are_warned_of(mission: Path, capsys: pytest.CaptureFixture[
     assert capsys.readouterr().err == ""
 
 
+def test_where_no_browser_can_be_opened_it_is_said_and_not_waited_for(
+    mission: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def nowhere(url: str) -> bool:
+        asked.append(url)
+        return False
+
+    monkeypatch.setattr("webbrowser.open", nowhere)
+    monkeypatch.setattr("covey.cli.view.OPENING", math.inf)
+    options: dict[str, Any] = {"port": 0, "open_page": True, "speed": None, "usual": 3.0}
+    with live(True, mission=load_mission(mission), host="127.0.0.1", **options):
+        pass
+    assert "#token=" in asked[0]
+    assert "open the address yourself" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", [{"port": 8000}, {"host": "0.0.0.0"}, {"open_page": True}, {"speed": 2.0}])
 def test_options_of_the_page_need_the_page(mission: Path, option: dict[str, Any]) -> None:
     options: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "open_page": False} | option
@@ -243,12 +314,39 @@ def test_the_page_stays_until_ctrl_c_only_where_somebody_is(monkeypatch: pytest.
 
 def test_heat_maps_are_those_of_the_sensor(mission: Path) -> None:
     loaded = load_mission(mission)
+    scene = describe(loaded, build_models(loaded), run=Run.PLAN, software={})
     pose = loaded.agents[0].pose
     row = np.array([pose.x, pose.y, 1.5, np.cos(0.5 * pose.yaw), 0.0, 0.0, np.sin(0.5 * pose.yaw)])
-    seen = eyes_of(loaded)(0, row)
+    seen = eyes_of(loaded)(scene, 0, row)
     sensor = loaded.agents[0].sensor
     expected = build_model(sensor.model, sensor.options).visibility(pose.as_array()[None, :], loaded.landmarks)[0]
     np.testing.assert_allclose(seen, expected, rtol=1e-9)
+
+
+def test_heat_maps_are_also_of_those_who_join_and_of_what_is_added(mission: Path) -> None:
+    changes = """changes:
+  - {add: {points: [[1.5, 1.5], [1.7, 1.5]]}}
+  - {join: {name: c, pose: {x_m: 0, y_m: 1}, sensor: {model: isotropic, optimal_distance_m: 1.5}}}
+"""
+    mission.write_text(MISSION + changes)
+    loaded = load_mission(mission)
+    scenes: list[Scene] = []
+    plan(loaded, watch=lambda item: scenes.append(item) if isinstance(item, Scene) else None)
+    seen_by, scene = eyes_of(loaded), scenes[-1]
+    seen = seen_by(scene, 2, np.array([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    sensor = build_model("isotropic", {"optimal_distance": 1.5})
+    landmarks = Landmarks(scene.positions_W[:, :2])
+    assert len(landmarks) == len(loaded.landmarks) + 2
+    np.testing.assert_allclose(seen, sensor.visibility(np.array([[0.0, 1.0, 0.0]]), landmarks)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("speed", ["inf", "nan", "1e9", "-1"])
+@pytest.mark.parametrize("command", ["plan", "fly", "playground", "replay"])
+def test_a_speed_is_a_number(command: str, speed: str, mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([command, str(mission), "--speed", speed])
+    assert left.value.code == 2
+    assert "--speed" in capsys.readouterr().err
 
 
 def test_a_record_is_replayed_served_and_written_as_one_file(mission: Path) -> None:
@@ -281,3 +379,29 @@ def test_what_is_no_record_is_said(mission: Path, name: str) -> None:
         assert watched.end()[0] == 2
     assert len(watched.before) == 1
     assert watched.before[0].startswith(f"covey: {name}: ")
+
+
+def test_a_replay_says_what_is_missing_of_a_damaged_record(mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan(load_mission(mission), watch=(recorder := Recorder(mission.parent / "record.mcap")))
+    recorder.close()
+    with recorder.path.open("r+b") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        chunk = summary.chunk_indexes[-1]
+        stream.seek(chunk.chunk_start_offset + chunk.chunk_length // 2)
+        stream.write(b"damaged")
+    with pytest.raises(SystemExit) as left:
+        main(["replay", str(recorder.path), "--html", str(mission.parent / "replay.html")])
+    err = capsys.readouterr().err
+    assert left.value.code == 0
+    assert "is damaged and left out" in err
+
+
+def test_a_replay_is_not_written_in_place_of_a_directory(mission: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan(load_mission(mission), watch=(recorder := Recorder(mission.parent / "record.mcap")))
+    recorder.close()
+    for target in ("--html", "--video"):
+        with pytest.raises(SystemExit) as left:
+            main(["replay", str(recorder.path), target, str(mission.parent), "--force"])
+        assert left.value.code == 2
+        assert f"{mission.parent}: expected a file to write, got a directory" in capsys.readouterr().err

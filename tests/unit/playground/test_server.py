@@ -5,17 +5,19 @@ import http.client
 import json
 import socket as sockets
 import threading
+import urllib.request
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.visitors import HELLO, close_code, listen, visit
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
-from covey.errors import NetworkError, OutputError
+from covey.errors import InputError, NetworkError, OutputError
 from covey.playground.client import BACKLOG
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer, bind
@@ -278,9 +280,9 @@ def test_a_run_may_say_later_what_it_carries_out(serve: Serve) -> None:
 def test_heat_maps_are_computed_once_for_a_pose(serve: Serve) -> None:
     calls = []
 
-    def seen_by(agent: int, pose: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def seen_by(scene: Scene, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         calls.append((agent, pose.copy()))
-        return np.arange(12.0)
+        return np.arange(float(len(scene.positions_W)))
 
     server = serve(seen_by=seen_by)
     feed = list(sample_feed(agents=3, landmarks=12, seconds=3.0))
@@ -294,6 +296,22 @@ def test_heat_maps_are_computed_once_for_a_pose(serve: Serve) -> None:
     np.testing.assert_array_equal(calls[0][1], state.poses[1])
     for query in ("", "?agent=3", "?agent=-1", "?agent=x", "?agent=99999999999999999999"):
         assert get(server, f"/api/heatmap{query}").status == 404
+    for item in list(sample_feed(agents=4, landmarks=15, seconds=1.0))[:2]:  # somebody joins, landmarks are added
+        server.watch(item)
+    for agent in (1, 3):
+        with urllib.request.urlopen(f"{server.public_url}api/heatmap?agent={agent}") as response:
+            assert json.load(response)["visibility"]["shape"] == [15]
+
+
+def test_a_sensor_that_fails_costs_only_its_heat_map(serve: Serve) -> None:
+    def seen_by(scene: Scene, agent: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        raise InputError("sensor model 'own.py:Own': fails")
+
+    server = serve(seen_by=seen_by)
+    for item in list(sample_feed(agents=3, landmarks=12, seconds=1.0))[:2]:
+        server.watch(item)
+    assert get(server, "/api/heatmap?agent=1").status == 404
+    assert get(server, "/").status == 200
 
 
 def test_a_record_is_sent_instead_of_a_run(serve: Serve) -> None:

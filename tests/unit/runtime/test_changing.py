@@ -101,6 +101,16 @@ def test_the_log_tells_what_became_of_what_a_leaver_owned() -> None:
     assert removed.detail == "landmarks 0, 1, 8, 9"
 
 
+def test_watchers_hear_who_adopts_and_not_who_loses_by_it() -> None:
+    items: list[Scene | Update] = []
+    plan(changing(*EVERYTHING, seed=0), watch=items.append)
+    scenes = [item for item in items if isinstance(item, Scene)]
+    names = [agent.name for agent in scenes[-1].agents]
+    changes = [item for item in items if isinstance(item, TeamChange) and item.kind is ChangeKind.ADOPTION]
+    assert any(len(item.agents) > 1 for item in changes)
+    assert all(item.text.startswith(f"{names[item.agents[0]]} adopts ") for item in changes)
+
+
 def test_the_same_seed_gives_the_same_deployment() -> None:
     first, second = (plan(changing(*EVERYTHING)) for _ in range(2))
     assert first.history == second.history

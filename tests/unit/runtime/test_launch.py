@@ -397,7 +397,13 @@ def test_the_command_writes_and_prints_what_planning_does(path: Path, capsys: py
         (["launch", "FILE", "--observe", "--restart"], "--observe: expected neither"),
         (["launch", "FILE", "--network", "absent.toml"], "absent.toml"),
         (["agent", "--mission", "FILE", "--name", "pink"], "--name: expected an agent of"),
-        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "nonsense"], "cannot join the network"),
+        (
+            ["agent", "--mission", "FILE", "--name", "blue", "--listen", "nonsense"],
+            "--listen: expected an endpoint",
+        ),
+        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "tcp/nonsense"], "cannot join the network"),
+        (["playground", "FILE", "--connect", "nonsense"], "--connect: expected an endpoint, as tcp/"),
+        (["launch", "FILE", "--observe", "--connect", "nonsense"], "--connect: expected an endpoint, as tcp/"),
         (["agent", "--mission", "FILE", "--name", "blue", "--router", "tcp/a:1", "--listen", "tcp/b:1"], "--router"),
     ],
 )

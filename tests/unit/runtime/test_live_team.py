@@ -68,6 +68,17 @@ class Play:
         return [item.kind for item in self.told if isinstance(item, TeamChange)]
 
 
+def test_a_team_at_rest_tells_every_second_who_was_heard_when() -> None:
+    play = Play()
+    play.run(Kill(1))
+    quiet = [item for item in play.told if isinstance(item, Health)]
+    assert max(np.diff([health.time for health in quiet])) < 2.0
+    assert quiet[-1].time > 4.0
+    silence = quiet[-1].time - quiet[-1].heard
+    assert silence[1] > 3.0
+    assert max(silence[0], silence[2]) < 1.0
+
+
 def test_the_team_settles_as_told() -> None:
     play = Play()
     play.run()

@@ -236,12 +236,12 @@ def test_a_file_that_is_cut_anywhere_opens_up_to_the_cut(file: Path, flown: Item
     assert opened_at < 0.2 * len(data)
 
 
-def chunks(data: bytes) -> list[tuple[int, int]]:
-    """Return the offset and length of each chunk."""
+def records(data: bytes, opcode: int) -> list[tuple[int, int]]:
+    """Return the offset and length of each record of a kind."""
     found, at = [], 8
     while at + 9 <= len(data) and data[at] != 0x0F:
         length = struct.unpack_from("<Q", data, at + 1)[0]
-        if data[at] == 0x06:
+        if data[at] == opcode:
             found.append((at, length + 9))
         at += length + 9
     return found
@@ -250,7 +250,7 @@ def chunks(data: bytes) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("cut", [False, True])
 def test_a_damaged_chunk_is_left_out_and_told(file: Path, flown: Items, tmp_path: Path, *, cut: bool) -> None:
     data = bytearray(file.read_bytes())
-    places = chunks(bytes(data))
+    places = records(bytes(data), 0x06)
     assert len(places) >= 3
     at, length = places[1]
     data[at + length // 2] ^= 0xFF
@@ -265,6 +265,34 @@ def test_a_damaged_chunk_is_left_out_and_told(file: Path, flown: Items, tmp_path
     assert all(item in rest for item in found)  # in order, nothing of our own
     assert len(found) < len(told)
     assert found[-1] == told[-1]
+
+
+def test_whatever_byte_is_damaged_the_rest_is_read_or_it_is_said_why_not(
+    file: Path, flown: Items, tmp_path: Path
+) -> None:
+    data, told = file.read_bytes(), as_bytes(flown)
+    rng = np.random.default_rng(6)
+    index = range(len(data) - 6000, len(data), 97)  # where chunks are, among others
+    path = tmp_path / "damaged.mcap"
+    for place in (*index, *rng.integers(0, len(data), 60).tolist()):
+        damaged = bytearray(data)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        found, why = read(path)
+        assert found is not None or "nothing of the run can be read" in why or "expected" in why or "cannot" in why
+        rest = iter(told)
+        assert all(item in rest for item in found or ())
+
+
+def test_damaged_metadata_cost_nothing_else(file: Path, flown: Items, tmp_path: Path) -> None:
+    data = bytearray(file.read_bytes())
+    ((at, length),) = records(bytes(data), 0x0C)
+    data[at + length - 20] = 0xFF  # no UTF-8
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data)
+    found, why = read(path)
+    assert found == as_bytes(flown)
+    assert "the metadata at byte" in why
 
 
 def foreign(path: Path) -> None:

@@ -122,7 +122,9 @@ def test_events_become_changes(network: Network) -> None:
 def test_what_is_heard_at_once_is_told_change_by_change(network: Network) -> None:
     poses = [Pose2(0.1 * index, 0.0, 0.0) for index in range(4)]
     told = network.hear(*(PoseOptimized(0, pose, 0.0, 1.0, Cause.OPTIMIZER) for pose in poses))
-    assert sum(isinstance(item, TeamChange) for item in told) == 4
+    changes = [item for item in told if isinstance(item, TeamChange)]
+    assert [item.score for item in changes] == [entry.score for entry in network.observer.team.history[1:]]
+    assert len({item.score for item in changes}) == 4  # each tells what the team had then, not what it has now
     np.testing.assert_allclose(network.view.poses[0, :2], [0.3, 0.0])
 
 

@@ -107,6 +107,39 @@ def test_over_means_quiescent_with_one_map_that_was_fetched(observer: Observer, 
     assert not observer.over
 
 
+def test_who_comes_to_a_running_team_late_sees_what_it_has_come_to(mission: Mission, wire: Wire) -> None:
+    observer = Observer(mission, wire, late=True, clock=wire.clock)
+    n, pose = len(mission.landmarks), Pose2(0.5, -0.5, 1.0)
+    records, poses = LandmarkRecords.unknown(n), {2: PoseRecord(3, 1, pose)}
+    before = observer.team.owner.tolist()
+    wire.said = [beat(0, 1, b""), Map(Sender(0, 1), records.known(), poses)]  # it has not begun
+    observer.step(0.1)
+    assert observer.team.owner.tolist() == before
+    records.merge(LandmarkRecords.initial(n, {0: np.arange(9), 1: np.arange(9, n)}).all())
+    known = Map(Sender(0, 1), records.known(), poses)
+    wire.said = [beat(0, 2, b""), known]
+    observer.step(0.1)
+    assert observer.team.owner.tolist() == [0] * 9 + [1] * (n - 9)
+    assert observer.team.poses[2] == pose
+    wire.said = [Map(Sender(0, 1), LandmarkRecords.initial(n, {0: np.arange(n)}).all(), {})]  # only the first counts
+    observer.step(0.1)
+    assert observer.team.owner.tolist() == [0] * 9 + [1] * (n - 9)
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_an_event_counts_more_than_maps_that_may_be_older(mission: Mission, wire: Wire, late: bool) -> None:
+    observer = Observer(mission, wire, late=late, clock=wire.clock)
+    n, moved = len(mission.landmarks), Pose2(0.5, -0.5, 1.0)
+    known = Map(Sender(1, 1), LandmarkRecords.initial(n, {0: np.arange(n)}).all(), {})
+    before = observer.team.owner.tolist()
+    wire.said = [beat(0, 1, b""), known, PoseOptimized(0, moved, 0.0, 1.0, Cause.OPTIMIZER)]
+    observer.step(0.1)
+    wire.said = [known]
+    observer.step(0.1)
+    assert observer.team.owner.tolist() == before
+    assert observer.team.poses[0] == moved
+
+
 def test_a_map_of_another_digest_does_not_end_the_mission(observer: Observer, wire: Wire, mission: Mission) -> None:
     known, _ = map_of(0, records_of(mission, [0, 1, 2]), mission)
     wire.said = [*(beat(agent, 1, b"12345678") for agent in range(3)), known]

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 from tests.unit.runtime.small import POLYGON, small
 from tests.unit.runtime.test_telling import scene
 
 from covey.errors import ArgumentError
+from covey.runtime.drawing import map_drawing
 from covey.runtime.drawing.figures import save_figure
+from covey.runtime.drawing.map_drawing import draw_poses
 from covey.runtime.drawing.record_figures import Kind, Story, record_figure
 from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.records.mcap_reader import Record
 from covey.runtime.records.mcap_record import Recorder
+from covey.runtime.watching.feed import Activity
+from covey.runtime.watching.view import TeamView
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +80,32 @@ def test_the_curves_are_those_of_the_record(flown: Story, planned: Story) -> Non
     tracking = record_figure(flown, Kind.TRACKING).axes[0]
     assert [line.get_label() for line in tracking.lines] == ["blue", "red", "green"]
     assert float(np.asarray(tracking.lines[0].get_xdata())[-1]) <= flown.home
+
+
+def test_who_has_left_is_not_on_the_map_and_what_changed_is_on_the_curve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes = [{"leave": "blue"}, {"join": {"name": "grey", "pose": {"x_m": 0.0, "y_m": 0.0}}}, {"remove": [3]}]
+    with Recorder(tmp_path / "record.mcap") as recorder:
+        plan(scene(changes=changes), watch=recorder)
+    with Record(tmp_path / "record.mcap") as record:
+        story = Story.of(record)
+    drawn: list[list[str]] = []
+
+    def draw(*arguments: Any, **options: Any) -> NDArray[np.float64]:
+        drawn.append(arguments[-1])
+        return draw_poses(*arguments, **options)
+
+    monkeypatch.setattr(map_drawing, "draw_poses", draw)
+    record_figure(story, Kind.DEPLOYMENT)
+    assert drawn == [["2", "3", "4"]]
+    legend = record_figure(story, Kind.SCORE).axes[0].get_legend()
+    assert legend is not None
+    assert {"left", "joined", "landmarks changed"} <= {text.get_text() for text in legend.get_texts()}
+    absent = replace(story, view=TeamView())
+    absent.view.apply(story.scene)
+    absent.view.activity[:] = Activity.GONE
+    record_figure(absent, Kind.DEPLOYMENT)
 
 
 @pytest.mark.parametrize("width", [10.0, 1000.0, float("nan")])

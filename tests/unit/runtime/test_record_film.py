@@ -14,7 +14,17 @@ from covey.errors import OutputError, ResultError
 from covey.playground.sample import sample_feed
 from covey.runtime.drawing.palette import rgb
 from covey.runtime.drawing.record_film import RecordFrames, clock_of, headings, score_curve, write_record_film
-from covey.runtime.watching.feed import Run, Scene, TeamChange, Trading, Update
+from covey.runtime.watching.feed import (
+    NOBODY,
+    Activity,
+    Health,
+    Run,
+    Scene,
+    TeamChange,
+    TeamState,
+    Trading,
+    Update,
+)
 
 Feed = list[Scene | Update]
 
@@ -59,6 +69,25 @@ def test_pictures_show_the_owners_and_change_with_them(flight: Feed) -> None:
         assert (np.abs(first[:, :, :3].astype(np.int64) - dot).max(axis=2) <= 2).sum() > 20
     frames.rewind()
     np.testing.assert_array_equal(frames.picture(0), first)
+
+
+def test_the_dead_are_grey_and_who_has_left_is_not_there(flight: Feed) -> None:
+    health = next(item for item in flight if isinstance(item, Health))
+    scene = next(item for item in flight if isinstance(item, Scene))
+    unlike = replace(scene, agents=(replace(scene.agents[0], colour="#123456"), *scene.agents[1:]))
+    others = [item for item in flight[1:] if not isinstance(item, Health | TeamState)]
+    state = next(item for item in flight if isinstance(item, TeamState))
+    nothing = replace(state, owner=np.full_like(state.owner, NOBODY))
+
+    def dots(activity: Activity) -> int:
+        """How much of agent 1's colour is in the picture."""
+        first = np.array([activity, *health.activity[1:]], dtype=np.uint8)
+        feed = [unlike, nothing, replace(health, activity=first), *others]
+        picture = RecordFrames(feed, fps=1, dpi=100, speed=1.0).picture(0)[:, :, :3].astype(np.int64)
+        return int((np.abs(picture - np.array([0x12, 0x34, 0x56])).max(axis=2) <= 2).sum())
+
+    assert dots(Activity.IDLE) > 20
+    assert dots(Activity.DEAD) == dots(Activity.GONE) == 0
 
 
 def test_the_curve_and_the_headings(flight: Feed) -> None:

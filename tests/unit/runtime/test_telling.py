@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from covey.errors import ArgumentError
-from covey.mission import Mission, parse_mission
+from covey.mission import Mission, load_mission, parse_mission
+from covey.playground.messages import encode
+from covey.runtime.agent import build_models
 from covey.runtime.fly import fly
 from covey.runtime.plan import plan
 from covey.runtime.result import Deployment, PlanStatus, Progress
@@ -30,7 +33,7 @@ from covey.runtime.watching.feed import (
     Trading,
     Update,
 )
-from covey.runtime.watching.telling import KEYFRAME_SECONDS, MOTION_EVERY
+from covey.runtime.watching.telling import KEYFRAME_SECONDS, MOTION_EVERY, describe
 from covey.runtime.watching.view import TeamView
 
 SCENE: dict[str, Any] = {
@@ -87,6 +90,13 @@ def added_up(items: list[Scene | Update]) -> TeamView:
 def planned() -> tuple[Deployment, list[Scene | Update]]:
     items: list[Scene | Update] = []
     return plan(scene(), bound=True, watch=items.append), items
+
+
+def test_the_folder_of_a_sensor_of_the_users_own_is_not_told(root: Path) -> None:
+    mission = load_mission(root / "examples" / "own-model.yaml")
+    told = describe(mission, build_models(mission), run=Run.PLAN, software={})
+    assert {agent.sensor for agent in told.agents} == {"own_model.py:Spotlight"}
+    assert str(root) not in encode(told)
 
 
 def test_a_plan_that_is_watched_comes_out_the_same(planned: tuple[Deployment, list[Scene | Update]]) -> None:

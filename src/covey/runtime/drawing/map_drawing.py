@@ -74,6 +74,7 @@ def draw_map(
     frame: Frame | None = None,
     palette: Sequence[str] | None = None,
     radius: float | None = None,
+    present: NDArray[np.bool_] | None = None,
 ) -> None:
     """Draw region, landmarks coloured by owner, and poses.
 
@@ -89,6 +90,8 @@ def draw_map(
         What part of the plane is shown at which scale, and the agents' colours; chosen here when absent.
     radius : float, optional
         Size of a pose's mark, points; by default what suits the number of agents.
+    present : array of bool, shape (m,), optional
+        Whose poses are drawn; by default everybody's.
     """
     palette = palette or colours([agent.name for agent in mission.agents])
     with mpl.rc_context(STYLE):
@@ -105,7 +108,12 @@ def draw_map(
         _draw_region(ax, mission.region, INK, cells=mission.landmarks.cell_size is not None)
         if radius is None:
             radius = 10.0 if len(poses) <= 8 else 8.0 if len(poses) <= 16 else 6.5 if len(poses) <= 32 else 5.0
-        marks = draw_poses(ax, poses, palette, numbers, radius=radius)
+        there = range(len(poses)) if present is None else np.flatnonzero(present).tolist()
+        marks = np.empty((0, 2))
+        if there:
+            marks = draw_poses(
+                ax, [poses[i] for i in there], [palette[i] for i in there], [numbers[i] for i in there], radius=radius
+            )
         if not numbered:
             _number_partitions(ax, mission.landmarks, owner, poses, numbers, frame, marks, radius)
         east, north = ("x, east", "y, north") if mission.georeference is not None else ("x", "y")

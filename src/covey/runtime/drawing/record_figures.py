@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -23,7 +23,7 @@ from covey.mission import AgentSpec, CoverageSpec, Mission, SensorSpec
 from covey.runtime.drawing.map_drawing import FAINT, INK, STYLE, Frame, draw_badges, draw_map
 from covey.runtime.drawing.palette import is_light
 from covey.runtime.records.mcap_reader import Record
-from covey.runtime.watching.feed import POSE, ChangeKind, Motion, Note, Run, Scene, TeamChange, TeamState
+from covey.runtime.watching.feed import POSE, Activity, ChangeKind, Motion, Note, Run, Scene, TeamChange, TeamState
 from covey.runtime.watching.view import TeamView
 
 if TYPE_CHECKING:
@@ -46,6 +46,10 @@ _MARKS = {
     ChangeKind.ABANDONED: ("waypoint given up", "v", 4.0),
     ChangeKind.ADOPTION: ("adoption", "P", 4.0),
     ChangeKind.DEATH: ("loss", "X", 4.5),
+    ChangeKind.RETURN: ("return", "^", 4.0),
+    ChangeKind.JOINED: ("joined", ">", 4.0),
+    ChangeKind.LEFT: ("left", "<", 4.0),
+    ChangeKind.LANDMARKS: ("landmarks changed", "h", 4.0),
 }
 """How changes are marked on the score."""
 
@@ -199,6 +203,7 @@ def _map_figure(story: Story, width: float) -> Figure:
         frame=frame,
         palette=palette,
         radius=7.0 if len(poses) <= 16 else 5.0,
+        present=story.view.activity != Activity.GONE,
     )
     motions = _under_way(story)
     if motions:
@@ -235,7 +240,11 @@ def _draw_score(ax: Axes, story: Story) -> None:
     if math.isfinite(story.view.bound):
         ax.axhline(story.view.bound, color=FAINT, linestyle=(0, (4, 2)), linewidth=0.8, label="upper bound")
     ax.set_ylabel("coverage score")
-    ax.legend(loc="lower right", frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3, handlelength=1.6)
+    room: Literal["best", "lower right"] = (
+        "best" if (np.diff(scores) < 0.0).any() else "lower right"
+    )  # below a curve that only rises
+    columns = 1 if len(ax.get_legend_handles_labels()[0]) <= 5 else 2
+    ax.legend(loc=room, ncols=columns, frameon=True, framealpha=0.9, edgecolor="none", borderpad=0.3, handlelength=1.6)
 
 
 def _draw_separation(ax: Axes, story: Story) -> None:

@@ -23,7 +23,18 @@ from covey.runtime.drawing.flight_paths import pale
 from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.map_drawing import INK, STYLE
 from covey.runtime.drawing.palette import rgb
-from covey.runtime.watching.feed import NOBODY, ChangeKind, Note, Run, Scene, TeamChange, TeamState, Trading, Update
+from covey.runtime.watching.feed import (
+    NOBODY,
+    Activity,
+    ChangeKind,
+    Note,
+    Run,
+    Scene,
+    TeamChange,
+    TeamState,
+    Trading,
+    Update,
+)
 from covey.runtime.watching.view import TeamView
 
 CHANGES_A_SECOND = 5.0
@@ -259,13 +270,17 @@ class RecordFrames:
         self._obstacles = ax, len(view.obstacles)
         poses = view.poses if view.motion is None else view.motion.poses
         yaw = headings(poses)
-        self._waypoints.set_offsets(view.poses[:, :2])
+        gone = view.activity == Activity.GONE
+        places = np.where(gone[:, None], np.nan, poses[:, :2])
+        self._waypoints.set_offsets(np.where(gone[:, None], np.nan, view.poses[:, :2]))
         self._waypoints.set_visible(view.motion is not None)
-        self._agents.set_offsets(poses[:, :2])
+        self._agents.set_offsets(places)
+        self._agents.set_facecolors(np.where((view.activity == Activity.DEAD)[:, None], UNOWNED, self._palette))
         self._arrows.set_offsets(poses[:, :2])
-        self._arrows.set_UVC(np.cos(yaw), np.sin(yaw))
-        for number, pose in zip(self._numbers, poses, strict=bool(self._numbers)):
+        self._arrows.set_UVC(*(np.ma.array(part, mask=gone) for part in (np.cos(yaw), np.sin(yaw))))
+        for number, pose, is_gone in zip(self._numbers, poses, gone, strict=bool(self._numbers)):
             number.set_position(pose[:2])
+            number.set_visible(not is_gone)
         when = "" if self._planned else f"{now:.1f} s,  "
         speed = "" if self._planned or self._speed == 1.0 else f",  {self._speed:g} times as fast"
         self._text.set_text(f"{when}score {view.score:.2f},  trades: {view.trades}{speed}")

@@ -213,7 +213,7 @@ class _Launch:
             joined = replace(network.options, listen=(endpoints[-1],), connect=())
         access = ZenohObserver(mission_codec(self.mission), joined)
         stack.enter_context(closing(access))
-        observer = Observer(self.mission, access, times=network.times)
+        observer = Observer(self.mission, access, times=network.times, late=self._path is None)
         self._on_observer(observer)
         return observer, Operator(observer, access, joining=self._options.network.joining)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -24,7 +25,9 @@ OBSERVER = "observer"
 """What stands for ``{name}`` in the files of an observer."""
 
 Seconds = Annotated[float, Field(gt=0.0, le=1e6)]
-Endpoint = Annotated[str, Field(min_length=3, max_length=1000, pattern=r"^\w+/.+$")]
+EXAMPLE = "tcp/192.0.2.10:7447"
+ENDPOINT = r"\w+/.+"
+Endpoint = Annotated[str, Field(min_length=3, max_length=1000, pattern=f"^{ENDPOINT}$")]
 
 
 class _Credentials(Section):
@@ -90,9 +93,14 @@ class NetworkPlan:
         Raises
         ------
         ArgumentError
-            If an endpoint does not go with the credentials, or there is a router and something to listen on.
+            If an endpoint is none, or does not go with the credentials, or there is a router and something to listen
+            on.
         """
         options = self.options
+        for option, endpoints in (("--listen", listen or ()), ("--connect", connect), ("--router", _one(router))):
+            for endpoint in endpoints:
+                if not re.fullmatch(ENDPOINT, endpoint):
+                    raise ArgumentError(f"{option}: expected an endpoint, as {EXAMPLE}, got {endpoint!r}")
         if router is not None:
             if listen:
                 raise ArgumentError("--router: expected no --listen with it; a client of a router does not listen")

@@ -143,7 +143,9 @@ class NetworkTeller(Teller):
                     text = f"{entry.detail} {entry.event}; score {entry.score:.2f}"
                 else:
                     text = change_text(entry.event, entry.agents, counts.popleft() if counts else 0, entry.score)
-                self.change(now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text)
+                self.change(
+                    now, KINDS[entry.event], agents, team.owner, self._poses(), self._scores(), text, entry.score
+                )
         for counts in self._moved.values():
             counts.clear()
 

@@ -183,6 +183,10 @@ class ObservedTeam:
         for agent in sorted(set(range(len(self.poses))) - self._living - self._buried - self.gone):
             self._buried.add(agent)
             self._log("death", agent)
+        self.take_over(owner, poses)
+
+    def take_over(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
+        """Put what a map says in the place of what events told."""
         self.owner = owner.copy()
         self.owner[~self.planner.alive] = -1
         for agent, pose in poses.items():

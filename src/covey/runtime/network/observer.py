@@ -16,7 +16,7 @@ from covey.mission import Mission
 from covey.protocol import Catalogue, Event, Heartbeat, LandmarkRecords, Map, MembershipOptions, PoseRecords
 from covey.protocol.adoption import map_digest, orphans
 from covey.protocol.outputs import LandmarksAdopted
-from covey.protocol.records import INCARNATION, OWNER, RecordSlice
+from covey.protocol.records import INCARNATION, NOBODY, OWNER, RecordSlice
 from covey.runtime.network.observed_team import ObservedTeam
 from covey.runtime.network.remote_agent import NETWORK_TIMES
 from covey.runtime.team import initial_owners
@@ -78,6 +78,9 @@ class Observer:
     access : Access
     times : MembershipOptions, keyword-only
         Those of the agents.
+    late : bool, keyword-only
+        Whether the team may have been at work for long: then its first map counts, unless an event comes before, of
+        which the map need not know.
     clock : callable, keyword-only
         Seconds that only rise.
 
@@ -103,6 +106,7 @@ class Observer:
         access: Access,
         *,
         times: MembershipOptions = NETWORK_TIMES,
+        late: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.team = ObservedTeam(mission, initial_owners(mission, mission.seed))
@@ -120,6 +124,7 @@ class Observer:
         self._maps: dict[bytes, Map] = {}  # the newest of each digest that agents have told
         self._catalogues: dict[int, bytes] = {}  # digest of what each agent knows to have changed
         self._early: list[Event] = []
+        self._late = late
         self._asked_at = -np.inf
 
     def subscribe(self, listener: Callable[[Heard], object]) -> None:
@@ -181,6 +186,7 @@ class Observer:
             if isinstance(item.content, Heartbeat):
                 self._hear(item.content, item.time)
         self.team.set_living(self.living)
+        self._late &= all(isinstance(item.content, Heartbeat | Map) for item in news)
         for item in news:
             self._take(item)
         digest = self._agreed(self.living)
@@ -231,6 +237,8 @@ class Observer:
             digest = map_digest(self._records_of(content), PoseRecords(content.poses), content.catalogue)
             self._maps = {d: m for d, m in self._maps.items() if any(beat.digest == d for beat in self._beats.values())}
             self._maps[digest] = content
+            if self._late:
+                self._catch_up(content)
         elif not isinstance(content, Heartbeat):
             if not self.team.knows(content):
                 self._early = [*self._early[-MOST_EARLY:], content]
@@ -252,6 +260,13 @@ class Observer:
             early, self._early = self._early, []
             for event in early:
                 self._take(Heard(self.time, event))
+
+    def _catch_up(self, known: Map) -> None:
+        """Take over what the team has come to before events told of it, if a map has everything."""
+        owner = self._records_of(known).values[:, OWNER]
+        if (owner[self.team.planner.alive] != NOBODY).all():
+            self._late = False
+            self.team.take_over(owner, {agent: record.pose for agent, record in known.poses.items()})
 
     def _records_of(self, known: Map) -> LandmarkRecords:
         """Return what a map says of all landmarks that its agent knows."""

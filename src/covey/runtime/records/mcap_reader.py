@@ -272,8 +272,11 @@ class Record:
             self._counts.update(summary.statistics.channel_message_counts)
         for entry in summary.metadata_indexes:
             if entry.name == METADATA:
-                self._stream.seek(entry.offset)
-                self._take_metadata(next(StreamReader(self._stream, skip_magic=True).records))
+                try:
+                    self._stream.seek(entry.offset)
+                    self._take_metadata(next(StreamReader(self._stream, skip_magic=True).records))
+                except (OSError, *_BROKEN) as error:
+                    self._damaged[entry.offset] = f"the metadata at byte {entry.offset:,} cannot be read: {error}"
 
     def _take_metadata(self, record: object) -> None:
         if isinstance(record, Metadata) and record.name == METADATA:
@@ -349,11 +352,11 @@ class Record:
     def _chunk(self, block: _Block) -> Sequence[object]:
         if self._torn and block is self._blocks[-1]:
             return self._torn
-        self._stream.seek(block.offset)
         reader = StreamReader(self._stream, skip_magic=True, emit_chunks=True, record_size_limit=self.size)
         try:
+            self._stream.seek(block.offset)
             record = next(reader.records)
-        except _BROKEN as error:
+        except (OSError, *_BROKEN) as error:
             self._damaged[block.offset] = f"the chunk at byte {block.offset:,} cannot be read: {error}"
             return ()
         if not isinstance(record, Chunk):

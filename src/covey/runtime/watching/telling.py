@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ LOOK_EVERY = 0.2
 """Seconds of a flight between two looks at what the agents are doing."""
 
 HEALTH_EVERY = 1.0
-"""Seconds between two `Health`s of a flight in which nobody's activity changes."""
+"""Seconds between two `Health`s while nobody's activity changes."""
 
 KINDS = {
     "optimization": ChangeKind.OPTIMIZATION,
@@ -124,8 +125,12 @@ class Teller:
         poses: NDArray[np.float64],
         scores: NDArray[np.float64],
         text: str,
+        score: float | None = None,
     ) -> None:
-        """Tell how the committed state differs from what was told before; arrays as in `TeamState`."""
+        """Tell how the committed state differs from what was told before; arrays as in `TeamState`.
+
+        The team's score is the sum of its agents', if it is not given.
+        """
         told = self.view
         landmarks = np.flatnonzero(owner != told.owner).astype(np.int32)
         posed = np.flatnonzero((poses != told.poses).any(axis=1))
@@ -141,7 +146,7 @@ class Teller:
                 poses[posed].copy(),
                 tuple(int(agent) for agent in scored),
                 scores[scored].copy(),
-                float(scores.sum()),
+                float(scores.sum()) if score is None else score,
                 text,
             )
         )
@@ -218,7 +223,8 @@ class TeamTeller(Teller):
         elif kind is ChangeKind.RETURN:
             self._dead.difference_update(agents)
         moved = int((self._team.owner != self.view.owner).sum())
-        text = change_text(event, [self._names[agent] for agent in agents], moved, self._team.score)
+        who = agents[:1] if kind is ChangeKind.ADOPTION else agents  # the others only lose what they had adopted too
+        text = change_text(event, [self._names[agent] for agent in who], moved, self._team.score)
         self.change(now, kind, agents, self._team.owner, self._poses(), self._team.scores, text)
         if kind is ChangeKind.TRADE:
             self._close(agents[1])
@@ -235,10 +241,12 @@ class TeamTeller(Teller):
         if offer is not None and agent not in self._offers and self._closed.get(agent) != offer.trade:
             self._offers[agent] = offer
             self._tell_trading(agent, offer, stands=True)
-        self._heard[agent] = self._clock()
+        self._heard[agent] = now = self._clock()
         self._activity[agent] = self._activity_of(node)
         self._acts += 1
-        if self._acts >= max(1, len(self._names) // 4) and self._is_health_news():
+        if self._acts < max(1, len(self._names) // 4):
+            return
+        if now - self._healthy_at >= HEALTH_EVERY or self._is_health_news():
             self._tell_health()
 
     def reshaped(self, event: str, agents: tuple[int, ...], landmarks: NDArray[np.int64], detail: str) -> None:
@@ -391,7 +399,7 @@ def describe(
                 agent.name,
                 colour,
                 rings(agent.region),
-                agent.sensor.model,
+                PurePath(agent.sensor.model).name,  # where a user keeps a file is nobody else's business
                 float(getattr(model, "optimal_distance", math.nan)),
             )
             for agent, model, colour in zip(mission.agents, models, palette, strict=True)

@@ -261,7 +261,7 @@ export class Agents {
     return sprite;
   }
 
-  /** Numbers on discs of the agents' colours, behind their cameras or where there is room. */
+  /** Numbers on discs of the agents' colours, behind their cameras or where there is room on the map. */
   private drawBadges(
     context: CanvasRenderingContext2D, ratio: number, view: View, state: State, places: { x: number; y: number; yaw: number }[], radius: number,
     font: string,
@@ -278,7 +278,7 @@ export class Agents {
       for (const turn of crowded ? [0] : BADGE_TURNS) {
         const angle = yaw + Math.PI + (turn * Math.PI) / 180;
         const trial = { x: x + 2 * radius * Math.cos(angle), y: y - 2 * radius * Math.sin(angle) };
-        let room = Infinity;
+        let room = Math.min(trial.x - view.frameLeft, view.width - trial.x, trial.y, view.frameBottom - trial.y) - size - 1;
         if (!crowded) {
           for (let other = 0; other < places.length; other++) {
             if (other !== agent && shown[other]) room = Math.min(room, Math.hypot(places[other].x - trial.x, places[other].y - trial.y) - radius - size);

@@ -15,6 +15,7 @@ export class Chart {
   private key = "";
   private legendKey = "";
   private spanX = { from: 0, to: 1 };
+  private session: Session | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -24,9 +25,14 @@ export class Chart {
     const context = canvas.getContext("2d");
     if (!context) throw new Error("this browser has no Canvas 2-D");
     this.context = context;
-    canvas.addEventListener("pointermove", (event) => (this.pointer = event.offsetX));
-    canvas.addEventListener("pointerleave", () => (this.pointer = null));
+    canvas.addEventListener("pointermove", (event) => this.point(event.offsetX));
+    canvas.addEventListener("pointerleave", () => this.point(null));
     canvas.addEventListener("click", (event) => seek(this.toX(event.offsetX)));
+  }
+
+  private point(at: number | null): void {
+    this.pointer = at;
+    if (this.session) this.draw(this.session); // also when nothing else happens
   }
 
   private toX(px: number): number {
@@ -35,6 +41,7 @@ export class Chart {
   }
 
   draw(session: Session): void {
+    this.session = session;
     const { timeline, state } = session;
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     if (!timeline || !state || width < 60) return;

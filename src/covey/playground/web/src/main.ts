@@ -2,7 +2,7 @@
 
 import { Controls } from "./controls";
 import { Chart } from "./chart";
-import { element, memory } from "./dom";
+import { element, make, memory } from "./dom";
 import { showHelp } from "./help";
 import { Interaction } from "./interact";
 import { describe, WorldMap, type Selection } from "./map";
@@ -68,34 +68,49 @@ function choose(agent: number): void {
   selection.agent = agent === selection.agent ? -1 : agent;
   changed();
   panelsAt = 0;
-  const { world } = session;
-  const hint = element("hint");
-  hint.hidden = selection.agent < 0;
-  if (!world || selection.agent < 0) return;
-  const ramp = document.createElement("span");
-  ramp.className = "ramp";
-  hint.replaceChildren(`what ${world.names[selection.agent]} sees: 0`, ramp, "1");
-  if (!knowsSensor(world, selection.agent)) void askHeatMap(selection.agent);
+  selection.seen = null;
+  askedFor = "";
+  element("hint").hidden = selection.agent < 0;
+  explainColours(true);
 }
 
-/** For sensors that the page does not know itself. */
-async function askHeatMap(agent: number): Promise<void> {
-  const fail = (): void => {
-    element("hint").textContent = `What ${session.world?.names[agent] ?? agent} sees is not known here: its sensor is a model of its own.`;
-  };
-  if (session.replay) {
-    fail();
-    return;
+/** What the colours of the cells mean while an agent is chosen. */
+function explainColours(known: boolean): void {
+  const name = session.world?.names[selection.agent];
+  if (name === undefined) return;
+  const ramp = make("span", { class: "ramp" });
+  const text = known ? [`what ${name} sees: 0`, ramp, "1"] : [`What ${name} sees is not known here: its sensor is a model of its own.`];
+  element("hint").replaceChildren(...text);
+}
+
+/** For sensors that the page does not know itself: of whom, where, and among which landmarks it was asked last. */
+let askedFor = "";
+
+/** Ask the server what the chosen agent sees, if the page cannot tell and it is not known yet from where the agent is now. */
+function askWhatIsSeen(): void {
+  const { world, state } = session;
+  const { agent } = selection;
+  if (!world || !state || agent < 0 || agent >= world.m || knowsSensor(world, agent)) return;
+  const key = `${agent} ${session.scenes} ${state.poses.subarray(7 * agent, 7 * agent + 7).join(" ")}`;
+  if (key === askedFor) return;
+  askedFor = key;
+  void askHeatMap(agent, key);
+}
+
+async function askHeatMap(agent: number, key: string): Promise<void> {
+  let visibility: Float32Array | null = null;
+  if (!session.replay) {
+    try {
+      const response = await fetch(`api/heatmap?agent=${agent}`);
+      if (response.ok) visibility = values(((await response.json()) as HeatMap).visibility);
+    } catch {
+      // said below
+    }
   }
-  try {
-    const response = await fetch(`api/heatmap?agent=${agent}`);
-    if (!response.ok) throw new Error(String(response.status));
-    const answer = (await response.json()) as HeatMap;
-    selection.seen = { agent, visibility: values(answer.visibility) };
-    changed();
-  } catch {
-    fail();
-  }
+  if (key !== askedFor || selection.agent !== agent) return; // there is a newer question
+  selection.seen = visibility && visibility.length === session.world?.n ? { agent, visibility } : null;
+  explainColours(selection.seen !== null);
+  changed();
 }
 
 function applyTheme(wanted: string | null): void {
@@ -225,6 +240,7 @@ function drawFrame(now: number): void {
     panelsStale = false;
     if (!fieldsChosen && session.world) showFields(session.world.m <= FIELDS_UP_TO);
     showCover();
+    askWhatIsSeen();
     panels.update(session, selection.agent);
     controls.update();
     chart.draw(session);

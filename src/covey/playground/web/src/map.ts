@@ -33,6 +33,7 @@ export class WorldMap {
   private look = 0;
   private lastSelected = -1;
   private seen: Float32Array | null = null;
+  private given: Float32Array | null = null;
   private seenFor = "";
   private sceneryKey = "";
   private numbersAt = 0;
@@ -138,10 +139,12 @@ export class WorldMap {
   private updateHeat(world: World, state: State, selection: Selection): void {
     const { agent } = selection;
     const pose = agent >= 0 ? state.poses.subarray(7 * agent, 7 * agent + 7).join(" ") : "";
-    const key = agent < 0 ? "" : `${agent} ${pose} ${selection.seen?.agent === agent} ${this.scenes}`;
-    if (key !== this.seenFor) {
+    const key = agent < 0 ? "" : `${agent} ${pose} ${this.scenes}`;
+    const given = selection.seen?.agent === agent && selection.seen.visibility.length === world.n ? selection.seen.visibility : null;
+    if (key !== this.seenFor || given !== this.given) {
       this.seenFor = key;
-      this.seen = agent < 0 ? null : (heatMap(world, state, agent) ?? (selection.seen?.agent === agent ? selection.seen.visibility : null));
+      this.given = given;
+      this.seen = agent < 0 || agent >= world.m ? null : (heatMap(world, state, agent) ?? given);
       this.look++;
     }
     if (agent !== this.lastSelected) {

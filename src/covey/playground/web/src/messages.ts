@@ -33,9 +33,10 @@ export interface SceneObstacle {
   radius: number;
 }
 
-/** One change of the past, without what it changed. */
+/** One change of the past, without what it changed; `step` as in `History`. */
 export interface PastChange {
   time: number;
+  step: number;
   kind: ChangeKind;
   agents: number[];
   score: number;
@@ -187,9 +188,12 @@ export interface Steered {
 /** What went before; it replaces what the page has of score curve and log. */
 export interface History {
   type: "History";
+  step: number;
   times: Encoded<"f8">;
+  steps: Encoded<"i4">;
   scores: Encoded<"f8">;
   changes: PastChange[];
+  partners: Encoded<"i4">;
 }
 
 /** The answer to a command that is not carried out; only its sender gets it. */

@@ -175,8 +175,9 @@ export function drawAxes(context: CanvasRenderingContext2D, view: View, inks: In
   for (let k = Math.ceil(view.worldY(bottom) / step); k * step <= view.worldY(0); k++) {
     const y = Math.round(view.y(k * step)) + 0.5;
     context.moveTo(left, y);
+    if (y <= 26) continue; // there is the name of the axis
     context.lineTo(left - 4, y);
-    if (y > 26 && y < bottom - 6) context.fillText(label(k * step, step), left - 7, y);
+    if (y < bottom - 6) context.fillText(label(k * step, step), left - 7, y);
   }
   context.moveTo(left + 0.5, 0);
   context.lineTo(left + 0.5, bottom + 0.5);

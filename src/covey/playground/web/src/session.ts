@@ -3,7 +3,6 @@
 import type { Hello, Message, Motion, Scene, Steered, Update } from "./messages";
 import { apply, copyState, Dirty, initialState, openWorld, teamScore, type State, type World } from "./state";
 import { lastAtOrBefore, Timeline } from "./timeline";
-import { values } from "./wire";
 
 export type Status = "connecting" | "open" | "lost" | "over" | "failed";
 
@@ -46,7 +45,7 @@ export class Session {
         this.openScene(message);
         return;
       case "History":
-        this.timeline?.restore(message, values(message.times), values(message.scores));
+        this.timeline?.restore(message);
         this.x = this.timeline?.last ?? 0;
         return;
       case "Motion":

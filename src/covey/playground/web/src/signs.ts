@@ -34,7 +34,6 @@ const SIGNS: Record<string, Sign> = {
   landmarks: { label: "landmarks changed", path: SQUARE, colour: "--warn", filled: false, rare: true },
   collision: { label: "collision", path: CROSS, colour: "--bad", filled: false, rare: true },
   fault: { label: "fault", path: CROSS, colour: "--bad", filled: false, rare: true },
-  obstacle: { label: "obstacle", path: SQUARE, colour: "--ink", filled: true, rare: true },
   flown: { label: "as flown", path: "M-6 3-2-2 2 2 6-3", colour: "--faint", filled: false, rare: true },
   bound: { label: "bound", path: "M-7 0H-3M-1 0H3M5 0H7", colour: "--ink", filled: false, rare: true },
   ended: { label: "the end", path: SQUARE, colour: "--ink", filled: true, rare: true },

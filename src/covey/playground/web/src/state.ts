@@ -189,7 +189,7 @@ export function apply(state: State, update: Update, dirty: Dirty): void {
       const cells = values(update.landmarks);
       const weights = values(update.weights);
       cells.forEach((cell, i) => (state.weights[cell] = weights[i]));
-      dirty.addAll(cells);
+      dirty.all = true; // how strong a cell's colour is depends on the heaviest of all
       break;
     }
     case "Motion":

@@ -2,6 +2,7 @@
 
 import { NOBODY, POSE, type History, type Update } from "./messages";
 import { teamScore, type State, type World } from "./state";
+import { values } from "./wire";
 
 /** Points in the order of x. */
 export class Series {
@@ -105,6 +106,8 @@ export class Timeline {
   readonly paths: Path[] = [];
   /** Triples x, client, server. */
   private readonly trades: number[] = [];
+  /** Triples agent, agent, how often they had traded before that. */
+  private traded: Int32Array = new Int32Array(0);
   steps = 0;
   last = 0;
   private readonly bounded: boolean;
@@ -154,46 +157,44 @@ export class Timeline {
         break;
       case "Note":
       case "Ended":
-      case "ObstacleAppeared":
       case "BoundFound":
         this.addEntry({ x, time: update.time, score: NaN, gain: NaN, ...describe(update) });
         break;
       case "Trading":
       case "Weights":
       case "Health":
+      case "ObstacleAppeared": // a note says so as well
         break;
     }
   }
 
   /** What went before the visitor came. */
-  restore(history: History, times: Float64Array, scores: Float64Array): void {
+  restore(history: History): void {
+    const [xs, scores] = [values(this.byEvents ? history.steps : history.times), values(history.scores)];
     this.score = new Series(POINTS_OF_THE_CURVE);
-    const changes = history.changes;
-    const x = (time: number, index: number): number => (this.byEvents ? index + 1 : time);
-    if (this.byEvents) {
-      this.steps = Math.max(this.steps, times.length - 1, changes.length);
-      times.forEach((_, i) => this.score.add(this.steps - times.length + i + 1, scores[i]));
-    } else {
-      times.forEach((time, i) => this.score.add(time, scores[i]));
-    }
+    xs.forEach((x, i) => this.score.add(x, scores[i]));
     this.lastScore = scores.length ? scores[scores.length - 1] : NaN;
     let before = NaN;
-    this.entries = changes.map((change, i) => {
+    this.entries = history.changes.map((change) => {
       const gain = change.score - before;
       before = change.score;
-      return { ...change, x: x(change.time, this.steps - changes.length + i), gain };
+      return { ...change, x: this.byEvents ? change.step : change.time, gain };
     });
-    this.last = this.byEvents ? this.steps : Math.max(this.last, times.length ? times[times.length - 1] : 0);
+    this.traded = values(history.partners);
+    this.trades.length = 0;
+    this.steps = history.step;
+    this.last = this.byEvents ? history.step : Math.max(this.last, xs.length ? xs[xs.length - 1] : 0);
   }
 
   /** How often each agent has traded with this one up to x, most often first. */
   partners(agent: number, x: number): [number, number][] {
     const counts = new Map<number, number>();
-    for (let i = 0; i < this.trades.length && this.trades[i] <= x; i += 3) {
-      const [client, server] = [this.trades[i + 1], this.trades[i + 2]];
-      if (client === agent) counts.set(server, (counts.get(server) ?? 0) + 1);
-      else if (server === agent) counts.set(client, (counts.get(client) ?? 0) + 1);
-    }
+    const count = (one: number, other: number, times: number): void => {
+      const partner = one === agent ? other : other === agent ? one : -1;
+      if (partner >= 0) counts.set(partner, (counts.get(partner) ?? 0) + times);
+    };
+    for (let i = 0; i < this.traded.length; i += 3) count(this.traded[i], this.traded[i + 1], this.traded[i + 2]);
+    for (let i = 0; i < this.trades.length && this.trades[i] <= x; i += 3) count(this.trades[i + 1], this.trades[i + 2], 1);
     return [...counts].sort((a, b) => b[1] - a[1] || a[0] - b[0]);
   }
 
@@ -238,8 +239,6 @@ function describe(update: Update): { kind: string; agents: number[]; text: strin
       const proof = update.holds === null ? "" : update.holds ? "; the certificate holds" : "; the certificate does not hold";
       return { kind: "ended", agents: [], text: `${update.status}${proof}` };
     }
-    case "ObstacleAppeared":
-      return { kind: "obstacle", agents: [], text: "an obstacle appeared" };
     case "BoundFound":
       return { kind: "bound", agents: [], text: `no deployment scores more than ${(update.bound ?? NaN).toFixed(2)}` };
     default:
