@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from covey.flight.layout import OBSERVATION, QUAT
 from covey.geometry import Pose2
 from covey.protocol import (
     OPERATOR,
@@ -18,6 +19,7 @@ from covey.protocol import (
     Cause,
     Change,
     LandmarkChange,
+    Offer,
     PoseRecord,
     Reason,
     RecordSlice,
@@ -26,6 +28,7 @@ from covey.protocol import (
 )
 from covey.transports import layout
 from covey.transports.codec import LAYOUTS, Codec, Content, Layout
+from covey.transports.telemetry import Telemetry
 
 AGENTS, LANDMARKS = 5, 300
 LARGEST = 2**63 - 1
@@ -56,6 +59,23 @@ catalogues = st.builds(
 )
 
 
+components = st.floats(-layout.LARGEST_STATE, layout.LARGEST_STATE)
+
+
+@st.composite
+def vehicle_states(draw: st.DrawFn) -> NDArray[np.float64]:
+    """States of vehicles anywhere, in any attitude."""
+    state = np.array(draw(st.lists(components, min_size=OBSERVATION, max_size=OBSERVATION)))
+    turn, tilt, twist = (draw(st.floats(-math.pi, math.pi)) for _ in range(3))
+    state[QUAT : QUAT + 4] = [
+        math.cos(turn) * math.cos(tilt),
+        math.sin(turn) * math.cos(tilt),
+        math.sin(tilt) * math.cos(twist),
+        math.sin(tilt) * math.sin(twist),
+    ]
+    return state
+
+
 @st.composite
 def slices(draw: st.DrawFn) -> RecordSlice:
     """Records of random landmarks."""
@@ -80,8 +100,10 @@ STRATEGIES: dict[int, st.SearchStrategy[Any]] = {
     id(layout.POSE_RECORD): records_of_poses,
     id(layout.REASON): st.sampled_from(Reason),
     id(layout.RECORDS): slices(),
+    id(layout.SHARE): st.one_of(st.floats(0.0, 1.0), st.just(math.nan)),
     id(layout.TALLY): st.dictionaries(agents, counts, max_size=AGENTS),
     id(layout.TRADE): trades,
+    id(layout.VEHICLE_STATE): vehicle_states(),
 }
 
 
@@ -93,7 +115,7 @@ def senders_and_contents(draw: st.DrawFn) -> tuple[Sender, Content]:
     sender = Sender(OPERATOR if chosen.type is Change else draw(agents), draw(counts))
     if "sender" in chosen.type.__dataclass_fields__:
         values["sender"] = sender
-    if "give" in values:  # an offer gives of its own, and wants of the other's
+    if chosen.type is Offer:  # it gives of its own, and wants of the other's
         own: RecordSlice = values["records"]
         values["give"] = own.indices[: draw(st.integers(0, len(own.indices)))]
         values["want"] = np.setdiff1d(values["want"], own.indices)
@@ -113,6 +135,8 @@ def same(first: object, second: object) -> bool:
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
         return first.dtype == second.dtype and np.array_equal(first, second)
     if isinstance(first, float) and isinstance(second, float):
+        if math.isnan(first):
+            return math.isnan(second)
         return first == second and math.copysign(1.0, first) == math.copysign(1.0, second)
     return bool(first == second)
 
@@ -121,6 +145,12 @@ def same_content(first: Content, second: Content) -> bool:
     """Whether two messages or events are equal in every field."""
     names = type(first).__dataclass_fields__
     return type(first) is type(second) and all(same(getattr(first, name), getattr(second, name)) for name in names)
+
+
+def telemetry(agent: int = 1, *, x: float = 0.0, incarnation: int = 1, battery: float = 0.5) -> Telemetry:
+    """The report of a level vehicle at 1.5 m that flies along x."""
+    state = np.array([x, 0.0, 1.5, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return Telemetry(Sender(agent, incarnation), state, battery)
 
 
 def array(*values: int) -> NDArray[np.int64]:

@@ -101,7 +101,7 @@ def _play(mission: Mission, watch: Watcher, steering: Steering, interruption: In
 
 
 def _observe(mission: Mission, plan: NetworkPlan, watch: Watcher, eyes: Eyes, interruption: Interruption) -> None:
-    from covey.protocol import Heartbeat, Map
+    from covey.protocol import Event
     from covey.runtime.network.network_telling import NetworkTeller
     from covey.runtime.network.observer import Observer
     from covey.runtime.network.remote_agent import mission_codec
@@ -122,7 +122,7 @@ def _observe(mission: Mission, plan: NetworkPlan, watch: Watcher, eyes: Eyes, in
                         "--seed, one of which listens at the endpoint given",
                         err=True,
                     )
-            if over and any(not isinstance(item.content, Heartbeat | Map) for item in news):
+            if over and any(isinstance(item.content, Event) for item in news):
                 over = False  # somebody has died, or came back
                 teller.tell(teller.scene)
             if observer.over and not over:

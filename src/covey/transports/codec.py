@@ -1,4 +1,4 @@
-"""Messages and events as bytes, and back.
+"""Messages, events and telemetry as bytes, and back.
 
 ::
 
@@ -72,12 +72,15 @@ from covey.transports.layout import (
     REASON,
     RECORDS,
     SENDER,
+    SHARE,
     TALLY,
     TRADE,
+    VEHICLE_STATE,
     Kind,
     Reader,
     malformed,
 )
+from covey.transports.telemetry import Telemetry
 
 MAGIC = b"cv"
 VERSION = 2
@@ -90,7 +93,7 @@ OPERATOR_ON_THE_WIRE = 2**64 - 2
 _HEADER = struct.Struct(f"<2sBB{DIGEST_BYTES}sQQQQ")
 _CHECKSUM = struct.Struct("<I")
 
-Content: TypeAlias = Message | Event
+Content: TypeAlias = Message | Event | Telemetry
 """What an envelope can hold."""
 
 
@@ -105,7 +108,7 @@ class Envelope:
         An agent, or `EVERYBODY`.
     number : int
         Rises with everything that one life of an agent sends.
-    content : Message or Event
+    content : Message, Event or Telemetry
     """
 
     sender: Sender
@@ -125,11 +128,17 @@ class Channel(enum.Enum):
     """To whoever listens; every one counts."""
     CHANGE = "change"
     """From an operator to all agents."""
+    TELEMETRY = "telemetry"
+    """To observers alone; the newest wins."""
+
+
+LATEST = frozenset({Channel.STATE, Channel.TELEMETRY})
+"""Where the newest of an agent makes the earlier ones void."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How one type of message or event is laid out.
+    """How one type of message, event or telemetry is laid out.
 
     Parameters
     ----------
@@ -201,6 +210,7 @@ LAYOUTS: Mapping[int, Layout] = {
     ),
     9: Layout(Map, {"records": RECORDS, "poses": POSE_RECORDS, "catalogue": CATALOGUE}),
     10: Layout(Change, {"catalogue": CATALOGUE}, Channel.CHANGE),
+    11: Layout(Telemetry, {"state": VEHICLE_STATE, "battery": SHARE}, Channel.TELEMETRY),
     65: Layout(
         PoseOptimized,
         {"agent": AGENT, "pose": POSE, "before": FLOAT, "after": FLOAT, "cause": CAUSE},
@@ -242,14 +252,14 @@ LAYOUTS: Mapping[int, Layout] = {
         Channel.LOG,
     ),
 }
-"""Every type by its number on the wire, which never changes: messages from 1, events from 65."""
+"""Every type by its number on the wire, which never changes: messages and telemetry from 1, events from 65."""
 
 _NUMBERS = {layout.type: number for number, layout in LAYOUTS.items()}
 _HAS_SENDER = {layout.type: any(field.name == "sender" for field in fields(layout.type)) for layout in LAYOUTS.values()}
 
 
 class Codec:
-    """Turns the messages and events of one mission into bytes and back.
+    """Turns the messages, events and telemetry of one mission into bytes and back.
 
     Parameters
     ----------
@@ -301,7 +311,7 @@ class Codec:
         """How many landmarks the mission began with; `landmarks` counts those as well that may be added."""
 
     def encode(self, content: Content, *, sender: Sender, to: int = EVERYBODY, number: int) -> bytes:
-        """Return a message or an event as bytes.
+        """Return a message, an event or telemetry as bytes.
 
         Raises
         ------
@@ -362,4 +372,4 @@ class Codec:
         return Envelope(sender, to, number, content)
 
 
-__all__ = ["EVERYBODY", "LAYOUTS", "VERSION", "Channel", "Codec", "Content", "Envelope", "Layout"]
+__all__ = ["EVERYBODY", "LATEST", "LAYOUTS", "VERSION", "Channel", "Codec", "Content", "Envelope", "Layout"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from covey.errors import ArgumentError, CodecError, Drop
 from covey.protocol import OPERATOR, Heartbeat, Sender
-from covey.transports.codec import EVERYBODY, LAYOUTS, Channel, Codec, Content, Envelope
+from covey.transports.codec import EVERYBODY, LATEST, LAYOUTS, Channel, Codec, Content, Envelope
 
 _CHANNELS = {layout.type: layout.channel for layout in LAYOUTS.values()}
 
@@ -98,7 +98,8 @@ class Inbox:
 
     Notes
     -----
-    `put` only stores; `take` decodes.  Of several heartbeats of an agent only the newest is handed out.
+    `put` only stores; `take` decodes.  Of several heartbeats of an agent only the newest is handed out, and likewise of
+    its telemetry.
     """
 
     def __init__(self, codec: Codec, to: int, *, capacity: int = 10_000) -> None:
@@ -115,7 +116,7 @@ class Inbox:
         self._taking = threading.Lock()
         self._guards: dict[int, ReplayGuard] = {}
         self._operators: dict[int, ReplayGuard] = {}  # by incarnation: no life replaces another
-        self._newest: dict[int, tuple[int, int]] = {}
+        self._newest: dict[tuple[int, Channel], tuple[int, int]] = {}
         self._dropped: Counter[Drop] = Counter()
         self._count = 0
 
@@ -176,7 +177,7 @@ class Inbox:
         """Decode all that has arrived since the last call, in its order."""
         with self._taking:
             contents: dict[int, Content] = {}
-            beats: dict[int, int] = {}  # where the heartbeat of an agent is
+            latest: dict[tuple[int, Channel], int] = {}  # where that of an agent is of which the newest counts
             for position, arrival in enumerate(self._empty()):
                 try:
                     content = self._accept(arrival).content
@@ -185,10 +186,11 @@ class Inbox:
                     arrival.done(False)
                     continue
                 arrival.done(True)
-                if isinstance(content, Heartbeat):
-                    if contents.pop(beats.get(arrival.sender, -1), None) is not None:
+                if arrival.channel in LATEST:
+                    whose = arrival.sender, arrival.channel
+                    if contents.pop(latest.get(whose, -1), None) is not None:
                         self.count(Drop.OUTDATED)
-                    beats[arrival.sender] = position
+                    latest[whose] = position
                 contents[position] = content
             return list(contents.values())
 
@@ -214,11 +216,11 @@ class Inbox:
             )
         if not self._guard(sender).passes(sender.incarnation, envelope.number):
             raise CodecError(Drop.REPLAYED, f"number {envelope.number} of {sender}")
-        if isinstance(content, Heartbeat):
-            state = sender.incarnation, content.sequence
-            if state <= self._newest.get(sender.agent, (-1, -1)):
-                raise CodecError(Drop.OUTDATED, f"heartbeat {state}")
-            self._newest[sender.agent] = state
+        if arrival.channel in LATEST:
+            place = sender.incarnation, content.sequence if isinstance(content, Heartbeat) else envelope.number
+            if place <= self._newest.get((sender.agent, arrival.channel), (-1, -1)):
+                raise CodecError(Drop.OUTDATED, f"{type(content).__name__} {place}")
+            self._newest[sender.agent, arrival.channel] = place
         return envelope
 
 

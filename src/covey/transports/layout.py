@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.errors import ArgumentError, CodecError, Drop
+from covey.flight.layout import OBSERVATION, QUAT
 from covey.geometry import Pose2
 from covey.protocol import (
     EMPTY,
@@ -41,9 +42,16 @@ LONGEST_TEXT = 65_536
 LARGEST = 2**63 - 1
 """The largest number on the wire; what an int64 holds."""
 
+LARGEST_STATE = 1e9
+"""Metres, m/s and rad/s beyond which nobody flies; sums of their squares are still numbers."""
+
+NOT_UNIT = 1e-3
+"""How far the norm of a unit quaternion may be off."""
+
 _WIDTHS = tuple(np.dtype(name) for name in ("<u1", "<u2", "<u4", "<u8"))
 _POSE = struct.Struct("<3d")
 _LANDMARK = struct.Struct("<5d")
+_STATE = struct.Struct(f"<{OBSERVATION}d")
 
 
 class Reader:
@@ -140,10 +148,18 @@ def _read_float(reader: Reader) -> float:
     return value
 
 
+def _read_share(reader: Reader) -> float:
+    value: float = reader.unpack(_FLOAT)[0]
+    if not (math.isnan(value) or 0.0 <= value <= 1.0):
+        malformed(f"expected a share from 0 to 1, or NaN, got {value}")
+    return value
+
+
 COUNT: Kind[int] = Kind(_write_count, _read_count)
 AGENT: Kind[int] = Kind(_write_count, _read_agent)
 FLAG: Kind[bool] = Kind(lambda value: _BYTE.pack(value), _read_flag)
 FLOAT: Kind[float] = Kind(lambda value: _FLOAT.pack(value), _read_float)
+SHARE: Kind[float] = Kind(lambda value: _FLOAT.pack(value), _read_share)
 
 
 def choice(kind: type[_E]) -> Kind[_E]:
@@ -202,6 +218,19 @@ TRADE: Kind[TradeId] = Kind(
     lambda trade: b"".join(_write_count(number) for number in trade),
     lambda reader: TradeId(_read_agent(reader), _read_count(reader), _read_count(reader)),
 )
+
+
+def _read_state(reader: Reader) -> NDArray[np.float64]:
+    state = np.array(reader.unpack(_STATE))
+    if not (np.abs(state) <= LARGEST_STATE).all():
+        malformed(f"expected a state of numbers from -{LARGEST_STATE:g} to {LARGEST_STATE:g}, got {state}")
+    if abs(float(np.linalg.norm(state[QUAT : QUAT + 4])) - 1.0) > NOT_UNIT:
+        malformed(f"expected a unit quaternion, got {state[QUAT : QUAT + 4]}")
+    state.setflags(write=False)
+    return state
+
+
+VEHICLE_STATE: Kind[NDArray[np.float64]] = Kind(lambda state: _STATE.pack(*state), _read_state)
 
 
 # Arrays: the number of bytes an entry takes, then the entries; as few bytes as hold the largest.

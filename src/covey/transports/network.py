@@ -64,7 +64,7 @@ class AccessList:
     agents : mapping of int to str
         The common name of each agent: it alone may speak as that agent.
     observers : tuple of str
-        May listen to states and the log and ask for maps, and say nothing.
+        May listen to states, telemetry and the log and ask for maps, and say nothing.
     operators : tuple of str
         May do what observers may, and change landmarks and agents.
     routers : tuple of str
@@ -213,7 +213,12 @@ def access_rules(access: AccessList, prefix: str) -> dict[str, Any]:
                 f"{prefix}/trade/{agent}/*",
                 f"{prefix}/map/{agent}",
             ),
-            _rule(f"{speaks}-tells", "ingress", ["put"], f"{prefix}/state/{agent}", f"{prefix}/log/{agent}"),
+            _rule(
+                f"{speaks}-tells",
+                "ingress",
+                ["put"],
+                *(f"{prefix}/{topic}/{agent}" for topic in ("state", "log", "telemetry")),
+            ),
             _rule(f"{speaks}-lives", "ingress", ["liveliness_token"], f"{prefix}/alive/{agent}/*"),
         ]
         subjects.append({"id": speaks, "cert_common_names": [name]})

@@ -5,6 +5,7 @@
     covey/<mission>/trade/<to>/<from>             a query; the other's next message to the asker is the answer
     covey/<mission>/state/<agent>                 heartbeats; under congestion they are dropped, the next is newer
     covey/<mission>/log/<agent>                   events; under congestion the writer waits
+    covey/<mission>/telemetry/<agent>             where the vehicle is, for observers; under congestion it is dropped
     covey/<mission>/map/<agent>                   a query of an observer; the answer is all that the agent knows
     covey/<mission>/change                        changes of landmarks and agents, from an operator
     covey/<mission>/alive/<agent>/<incarnation>   liveliness token
@@ -23,9 +24,10 @@ from zenoh.handlers import Callback
 
 from covey.errors import Drop
 from covey.protocol import OPERATOR, Catalogue, Change, Event, Heartbeat, Map, Message, Sender
-from covey.transports.codec import EVERYBODY, Channel, Codec
+from covey.transports.codec import EVERYBODY, Channel, Codec, Content
 from covey.transports.inbox import Arrival, Inbox
 from covey.transports.network import NetworkOptions, mission_prefix, open_session
+from covey.transports.telemetry import Telemetry
 
 MOST_ASKED = 16
 """How many may wait for a map at once."""
@@ -193,6 +195,16 @@ class ZenohTransport:
             zenoh.Priority.DATA_LOW,
         )
 
+    def report(self, telemetry: Telemetry) -> None:
+        """Tell observers where the vehicle is; like the log behind all that agents say, and lost under congestion."""
+        self._put(
+            f"{self._prefix}/telemetry/{self.agent}",
+            telemetry.sender,
+            telemetry,
+            zenoh.CongestionControl.DROP,
+            zenoh.Priority.DATA_LOW,
+        )
+
     def receive(self) -> list[Message]:
         """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
         return cast("list[Message]", self._inbox.take())  # no events: they travel by a channel of their own
@@ -224,7 +236,7 @@ class ZenohTransport:
         self,
         key: str,
         sender: Sender,
-        content: Heartbeat | Event,
+        content: Content,
         congestion: zenoh.CongestionControl,
         priority: zenoh.Priority | None,
     ) -> None:
@@ -341,7 +353,7 @@ class ZenohTransport:
 
 
 class ZenohObserver:
-    """Hears the states and events of a mission and asks what agents know; an operator's says what has changed.
+    """Hears states, events and telemetry of a mission and asks what agents know; an operator's says what has changed.
 
     Parameters
     ----------
@@ -363,7 +375,7 @@ class ZenohObserver:
         self._number = 0
         self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
         self._prefix = prefix = mission_prefix(codec.digest)
-        for channel in (Channel.STATE, Channel.LOG):
+        for channel in (Channel.STATE, Channel.LOG, Channel.TELEMETRY):
             self._session.declare_subscriber(
                 f"{prefix}/{channel.value}/*", Callback(partial(self._on_sample, channel), indirect=False)
             )
@@ -373,9 +385,11 @@ class ZenohObserver:
         """How many arrivals were dropped so far, by cause."""
         return self._inbox.dropped
 
-    def receive(self) -> list[Heartbeat | Event | Map]:
-        """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
-        return cast("list[Heartbeat | Event | Map]", self._inbox.take())  # trades travel by a channel of their own
+    def receive(self) -> list[Heartbeat | Event | Map | Telemetry]:
+        """Take what has arrived, in the order of arrival; of an agent's heartbeats and telemetry only the newest."""
+        return cast(
+            "list[Heartbeat | Event | Map | Telemetry]", self._inbox.take()
+        )  # trades travel by a channel of their own
 
     def ask_for_maps(self) -> None:
         """Ask every agent what it knows; the answers arrive like all else."""

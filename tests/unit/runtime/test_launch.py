@@ -30,10 +30,12 @@ from covey.runtime.certify import certify
 from covey.runtime.network import launch as launching
 from covey.runtime.network.launch import Blow, LaunchOptions, LaunchReport, launch
 from covey.runtime.network.network_file import NetworkPlan, load_network
+from covey.runtime.network.network_telling import NetworkTeller
 from covey.runtime.network.observer import Observer
 from covey.runtime.network.remote_agent import NETWORK_TIMES, mission_codec
 from covey.runtime.records.record import read_result
-from covey.runtime.result import Deployment, PlanStatus
+from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.runtime.watching.feed import Activity, Health, Motion, Scene, Update
 from covey.transports.codec import Codec
 from covey.transports.network import Credentials, NetworkOptions, mission_prefix
 from covey.transports.zenoh import ZenohTransport
@@ -82,6 +84,41 @@ def test_a_team_of_processes_plans_a_mission(path: Path) -> None:
     assert deployment.trades == sum(agent["trades"] for agent in report.agents) >= 1
     assert deployment.score.final > deployment.score.initial
     assert len(observers) == 1
+
+
+def test_the_vehicles_of_a_team_of_processes_are_seen_on_their_way(path: Path) -> None:
+    told: list[Scene | Update] = []
+    tellers: list[NetworkTeller] = []
+
+    def begin(observer: Observer) -> None:
+        tellers.append(NetworkTeller(told.append, observer, dead_after=NETWORK_TIMES.dead_after))
+
+    def listen(progress: Progress) -> None:
+        for teller in tellers:
+            teller.update()
+
+    deployment, report = launch(
+        load_mission(path),
+        path,
+        LaunchOptions(vehicles="kinematic", timeout=LONGEST),
+        on_observer=begin,
+        on_progress=listen,
+    )
+    tellers[0].end("settled", True)
+    check(deployment, report)
+    assert report.strangers == {}
+    motions = [item for item in told if isinstance(item, Motion)]
+    flight, last = deployment.mission.flight, motions[-1]
+    away = [math.dist(row[:2], agent.pose.position_W) for row, agent in zip(last.poses, deployment.agents, strict=True)]
+    assert max(away) <= flight.arrival_position
+    np.testing.assert_allclose(last.poses[:, 2], flight.altitudes(3))
+    assert last.score_flown == pytest.approx(deployment.score.final, rel=0.05)
+    speeds = np.array([np.linalg.norm(motion.velocities_W, axis=1) for motion in motions])
+    assert (np.nanmax(speeds, axis=0) > 0.3).all()  # each was seen while it flew
+    starts = [agent.pose.position_W for agent in deployment.mission.agents]
+    np.testing.assert_allclose(motions[0].poses[:, :2], starts, atol=0.3)  # before the first way began
+    activity = np.concatenate([item.activity for item in told if isinstance(item, Health)])
+    assert Activity.FLYING in activity
 
 
 def test_who_dies_is_replaced_and_comes_back_with_its_memory(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 import pytest
 from tests.unit.runtime.small import small
 
+from covey.coverage import agent_scores, team_visibility
 from covey.errors import Drop
+from covey.flight.layout import OBSERVATION, QUAT, P, V
 from covey.geometry import Pose2
 from covey.protocol import (
     AgentBuried,
@@ -27,13 +30,14 @@ from covey.protocol import (
     TradeCommitted,
     TradeId,
 )
-from covey.runtime.network.network_telling import NetworkTeller
+from covey.runtime.network.network_telling import MOTION_EVERY, NetworkTeller
 from covey.runtime.network.observer import Content, Observer
 from covey.runtime.watching.feed import (
     Activity,
     ChangeKind,
     Ended,
     Health,
+    Motion,
     Run,
     Scene,
     TeamChange,
@@ -43,6 +47,7 @@ from covey.runtime.watching.feed import (
     Weights,
 )
 from covey.runtime.watching.view import TeamView
+from covey.transports.telemetry import Telemetry
 
 DEAD_AFTER = 3.0
 
@@ -220,6 +225,118 @@ def test_what_changes_is_told_with_a_new_scene_where_there_is_more(network: Netw
     network.hear(beat(3))
     assert network.view.activity[1] == Activity.GONE
     assert 1 not in network.view.owner
+
+
+def fly(network: Network, agent: int, pose: Pose2, *, battery: float = math.nan, speed: float = 1.0) -> Telemetry:
+    """The report of a vehicle at a pose."""
+    state = np.zeros(OBSERVATION)
+    state[P : P + 3] = pose.x, pose.y, network.mission.flight.altitudes(3)[agent]
+    state[V] = speed
+    state[QUAT : QUAT + 4] = math.cos(0.5 * pose.yaw), 0.0, 0.0, math.sin(0.5 * pose.yaw)
+    return Telemetry(Sender(agent, 1), state, battery)
+
+
+def motions(told: list[Scene | Update]) -> list[Motion]:
+    return [item for item in told if isinstance(item, Motion)]
+
+
+def test_of_a_team_without_vehicles_no_motion_is_told(network: Network) -> None:
+    told = network.hear(beat(0), beat(1), beat(2), PoseOptimized(0, Pose2(0.5, 0.0, 0.0), 0.0, 1.0, Cause.OPTIMIZER))
+    network.teller.end("settled", True)
+    assert motions(told + network.told) == []
+    assert network.view.poses[:, 2].tolist() == [0.0, 0.0, 0.0]
+    assert network.view.scene is not None
+    assert network.view.scene.body_radius == 0.0
+
+
+def test_the_first_report_brings_the_third_dimension(network: Network) -> None:
+    told = network.hear(beat(0), fly(network, 0, Pose2(0.5, 0.25, 1.0)))
+    kinds = [type(item) for item in told if not isinstance(item, Health)]
+    assert kinds == [Scene, TeamState, Motion]
+    assert network.view.scene is not None
+    assert network.view.scene.body_radius > 0.0
+    np.testing.assert_array_equal(network.view.poses[:, 2], network.mission.flight.altitudes(3))
+
+
+def test_who_is_not_heard_is_where_it_committed_to_be(network: Network) -> None:
+    (motion,) = motions(network.hear(beat(0), fly(network, 0, Pose2(0.5, 0.25, 1.0))))
+    assert motion.time == network.now
+    np.testing.assert_allclose(motion.poses[0, :2], [0.5, 0.25])
+    np.testing.assert_allclose(motion.poses[0, 3:], [math.cos(0.5), 0.0, 0.0, math.sin(0.5)])
+    assert motion.velocities_W[0].tolist() == [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(motion.poses[1:], network.view.poses[1:])
+    assert np.isnan(motion.velocities_W[1:]).all()
+    assert np.isnan(motion.rates_B[1:]).all()
+    assert math.isnan(motion.score_flown)
+    assert math.isnan(motion.separation)
+
+
+def test_the_score_flown_is_that_of_the_true_poses(network: Network) -> None:
+    poses = [Pose2(0.5, 0.25, 1.0), Pose2(-1.0, 1.5, 2.0), Pose2(1.0, -1.0, 0.0)]
+    told = network.hear(*map(beat, range(3)), *(fly(network, agent, pose) for agent, pose in enumerate(poses)))
+    network.hear(after=2.0 * MOTION_EVERY)
+    motion = network.view.motion
+    assert motion is not None
+    team = network.observer.team
+    seen = team_visibility(team.planner.models, poses, network.mission.landmarks)
+    expected = agent_scores(seen, team.owner, network.mission.landmarks.weights).sum()
+    assert motion.score_flown == pytest.approx(expected)
+    assert math.isnan(motions(told)[0].score_flown)  # of the others nothing was known then
+    assert network.view.scores.sum() == pytest.approx(team.score)
+
+
+def test_motions_are_told_as_often_as_is_useful(network: Network) -> None:
+    told: list[Scene | Update] = []
+    for step in range(100):
+        told += network.hear(fly(network, step % 3, Pose2(0.01 * step, 0.0, 0.0)), after=0.25 * MOTION_EVERY)
+    times = [motion.time for motion in motions(told)]
+    assert 20 <= len(times) <= 26
+    assert min(np.diff(times)) >= MOTION_EVERY - 1e-9
+    assert motions(network.hear(after=10.0 * MOTION_EVERY)) != []  # the last of them
+    assert motions(network.hear(after=10.0 * MOTION_EVERY)) == []  # nothing is new
+    network.hear(fly(network, 0, Pose2(1.0, 0.0, 0.0)), fly(network, 0, Pose2(1.5, 0.0, 0.0)), after=0.0)
+    network.teller.end("settled", True)
+    assert network.view.motion is not None
+    assert network.view.motion.poses[0, 0] == 1.5
+
+
+def test_who_is_on_its_way_flies_and_who_is_there_does_not(network: Network) -> None:
+    goals = network.observer.team.poses
+    away = Pose2(goals[0].x - 1.0, goals[0].y, goals[0].yaw)
+    turned = Pose2(goals[1].x, goals[1].y, goals[1].yaw + 1.0)
+    network.hear(*map(beat, range(3)), *(fly(network, i, pose) for i, pose in enumerate((away, turned, goals[2]))))
+    assert network.view.activity.tolist() == [Activity.FLYING, Activity.FLYING, Activity.IDLE]
+    network.hear(beat(0), fly(network, 0, goals[0]))
+    assert network.view.activity.tolist() == [Activity.IDLE, Activity.FLYING, Activity.IDLE]
+    network.hear(beat(1, quiescent=True))  # it hovers at the edge of what counts as there
+    assert network.view.activity.tolist() == [Activity.IDLE, Activity.QUIESCENT, Activity.IDLE]
+
+
+def test_of_a_vehicle_that_falls_silent_the_last_is_shown_and_no_speed(network: Network) -> None:
+    network.hear(beat(0), beat(1), fly(network, 0, Pose2(0.5, 0.25, 1.0), battery=0.75))
+    for _ in range(4):
+        network.hear(beat(1), fly(network, 1, Pose2(1.0, 0.0, 0.0)), after=0.3 * DEAD_AFTER)
+    motion, health = network.view.motion, network.view.health
+    assert motion is not None
+    assert health is not None
+    np.testing.assert_allclose(motion.poses[0, :2], [0.5, 0.25])
+    assert np.isnan(motion.velocities_W[0]).all()
+    assert motion.velocities_W[1, 0] == 1.0
+    assert health.activity[0] == Activity.DEAD
+    assert health.battery[0] == 0.75
+    assert np.isnan(health.battery[1:]).all()
+
+
+def test_who_joins_flies_as_well(network: Network) -> None:
+    joins = AgentChange(3, True, '{"name": "orange", "pose": {"x_m": 0, "y_m": 0}}')
+    late = Telemetry(Sender(3, 1), fly(network, 0, Pose2(0.5, 0.5, 0.0)).state, 0.5)
+    assert motions(network.hear(late)) == []  # of whom nothing is known yet
+    network.hear(fly(network, 0, Pose2(0.0, 0.0, 0.0)))
+    network.observer.learn(Catalogue(agents={3: joins}))
+    told = network.hear(beat(3), late, after=2.0 * MOTION_EVERY)
+    (motion,) = motions(told)
+    assert motion.poses.shape == (4, 7)
+    assert motion.poses[3, 0] == 0.5
 
 
 def test_the_end_is_told_with_the_state(network: Network) -> None:

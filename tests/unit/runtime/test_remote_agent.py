@@ -18,11 +18,13 @@ from covey.protocol import AgentBuried, AgentState, Event, MembershipOptions, No
 from covey.runtime.agent import TeamPlanner, build_models
 from covey.runtime.network.agent_state import AgentDirectory
 from covey.runtime.network.prover import Prover
-from covey.runtime.network.remote_agent import RemoteAgent, build_node, join_mission, mission_codec
+from covey.runtime.network.remote_agent import REPORT_EVERY, RemoteAgent, build_node, join_mission, mission_codec
+from covey.runtime.network.remote_vehicle import build_vehicle
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
 from covey.transports import RealTransport
 from covey.transports.network import NetworkOptions
+from covey.transports.telemetry import Telemetry
 from covey.transports.zenoh import ZenohTransport
 
 AGENTS = 2
@@ -156,6 +158,47 @@ def test_who_was_stopped_does_not_take_the_others_for_dead(mission: Mission) -> 
             stopped.step(0.01)
         assert not [event for event in events if isinstance(event, AgentBuried)]
         assert stopped.over
+
+
+def test_an_agent_tells_where_its_vehicle_is_and_no_oftener_than_it_must(mission: Mission) -> None:
+    clock, said = Clock(), list[Event | Telemetry]()
+    codec = mission_codec(mission)
+    with closing(ZenohTransport(Sender(0, 7), codec, NetworkOptions())) as transport:
+        planner = planner_of(mission)
+        vehicle = build_vehicle(mission, 0, "kinematic", mission.agents[0].pose, clock())
+        agent = RemoteAgent(
+            build_node(mission, 0, planner, incarnation=7),
+            transport,
+            rng=generator(1, Stream.NODE, 0),
+            prover=Prover(mission, 0, planner),
+            vehicle=vehicle,
+            on_event=said.append,
+            on_telemetry=said.append,
+            clock=clock,
+        )
+        agent.start()
+        first = said[0]
+        assert isinstance(first, Telemetry)  # before any event
+        assert first.sender == Sender(0, 7)
+        assert first.state[:2].tolist() == [vehicle.pose.x, vehicle.pose.y]
+        began = clock()
+        for _ in range(100):
+            agent.step(0.0)
+        reports = [item for item in said if isinstance(item, Telemetry)]
+        assert len(reports) <= 2 + (clock() - began) / REPORT_EVERY
+        clock.ahead += REPORT_EVERY
+        agent.step(0.0)
+        assert len([item for item in said if isinstance(item, Telemetry)]) == len(reports) + 1
+        agent.close()
+
+
+def test_an_agent_without_a_vehicle_tells_nothing_of_one(mission: Mission) -> None:
+    reports: list[Telemetry] = []
+    with closing(ZenohTransport(Sender(0, 1), mission_codec(mission), NetworkOptions())) as transport:
+        agent = join_mission(mission, transport, on_telemetry=reports.append)
+        agent.run(timeout=0.5)
+        agent.close()
+    assert reports == []
 
 
 def test_a_newer_life_of_an_agent_ends_the_older(mission: Mission) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.unit.runtime.small import small
 
-from covey.flight.layout import P
+from covey.flight.layout import OBSERVATION, QUAT, P, V
 from covey.flight.obstacles import Box
+from covey.flight.rotation import yaw_of
 from covey.geometry import Pose2, wrap_angle
 from covey.mission import Mission
 from covey.runtime.network.remote_vehicle import AtOnce, Leg, build_vehicle
@@ -54,6 +56,23 @@ def test_it_begins_in_the_air_and_arrives(mission: Mission, kind: Kind) -> None:
     assert fly(vehicle, begin=now + 500.0, until=now + 560.0)[0] is Leg.ARRIVED
 
 
+def test_what_is_to_be_seen_of_it(mission: Mission) -> None:
+    vehicle = SimulatedVehicle(mission, 2, Kind.KINEMATIC, START, 0.0)
+    vehicle.go_to(0.0, GOAL)
+    for step in range(1, 101):
+        vehicle.advance(0.02 * step)
+    state = vehicle.state
+    assert state.shape == (OBSERVATION,)
+    assert state[P : P + 2].tolist() == [vehicle.pose.x, vehicle.pose.y]
+    assert yaw_of(state[QUAT : QUAT + 4]) == pytest.approx(vehicle.pose.yaw)
+    assert np.linalg.norm(state[V : V + 3]) > 0.5
+    leg, _ = fly(vehicle, begin=2.0, until=60.0)
+    assert leg is Leg.ARRIVED
+    assert vehicle.state[V : V + 3].tolist() == [0.0, 0.0, 0.0]  # nothing moves it any more
+    assert math.isnan(vehicle.battery)
+    assert state is not vehicle.state
+
+
 def test_a_kinematic_vehicle_that_has_arrived_needs_no_time(mission: Mission) -> None:
     vehicle = SimulatedVehicle(mission, 0, Kind.KINEMATIC, START, 0.0)
     assert vehicle.due(0.0) is not None
@@ -94,4 +113,5 @@ def test_vehicles_by_name(mission: Mission) -> None:
     assert isinstance(vehicle, AtOnce)
     vehicle.go_to(0.0, GOAL)
     assert (vehicle.advance(0.0), vehicle.pose, vehicle.hold(), vehicle.due(0.0)) == (Leg.ARRIVED, GOAL, GOAL, None)
+    assert vehicle.state is None
     assert isinstance(build_vehicle(mission, 0, "kinematic", START, 0.0), SimulatedVehicle)

@@ -10,9 +10,10 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from tests.contents import AGENTS, CODEC, DIGEST, LANDMARKS, array
+from tests.contents import AGENTS, CODEC, DIGEST, LANDMARKS, array, telemetry
 
 from covey.errors import ArgumentError, CodecError, Drop
+from covey.flight.layout import OBSERVATION, QUAT
 from covey.geometry import Pose2
 from covey.protocol import (
     OPERATOR,
@@ -37,6 +38,7 @@ from covey.protocol import (
     TradeId,
 )
 from covey.transports.codec import LAYOUTS, Channel, Codec, Content
+from covey.transports.telemetry import Telemetry
 
 SENDER = Sender(1, 3)
 TRADE = TradeId(1, 3, 9)
@@ -73,7 +75,7 @@ def cause_of(data: bytes, codec: Codec = CODEC) -> Drop:
 
 def test_every_message_and_event_is_in_the_table() -> None:
     table = {layout.type: layout for layout in LAYOUTS.values()}
-    assert set(table) == {*get_args(Message), *get_args(Event)}
+    assert set(table) == {*get_args(Message), *get_args(Event), Telemetry}
     for kind, layout in table.items():
         assert list(layout.kinds) == [field.name for field in fields(kind) if field.name != "sender"], kind.__name__
 
@@ -84,6 +86,7 @@ def test_messages_and_events_have_numbers_and_channels_of_their_own() -> None:
             assert (number >= 65, layout.channel) == (True, Channel.LOG)
         else:
             assert (number < 65, layout.channel is Channel.STATE) == (True, layout.type is Heartbeat)
+            assert (layout.channel is Channel.TELEMETRY) == (layout.type is Telemetry)
 
 
 def test_a_record_takes_few_bytes() -> None:
@@ -136,6 +139,26 @@ def test_poses_must_be_finite(wrong: bytes, right: float) -> None:
 def test_a_yaw_must_be_wrapped() -> None:
     data = replaced(encode(Nothing(SENDER, TRADE, POSE)), struct.pack("<d", 0.5), struct.pack("<d", 4.0))
     assert cause_of(data) is Drop.MALFORMED
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -2e9])
+@pytest.mark.parametrize("column", range(OBSERVATION))
+def test_a_vehicle_must_be_somewhere(column: int, wrong: float) -> None:
+    report = telemetry()
+    report.state[column] = wrong
+    assert cause_of(encode(report)) is Drop.MALFORMED
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.99, 1.01])
+def test_an_attitude_must_be_a_rotation(scale: float) -> None:
+    report = telemetry()
+    report.state[QUAT : QUAT + 4] *= scale
+    assert cause_of(encode(report)) is Drop.MALFORMED
+
+
+@pytest.mark.parametrize("battery", [-0.01, 1.01, math.inf, -math.inf])
+def test_no_battery_holds_more_than_all_or_less_than_nothing(battery: float) -> None:
+    assert cause_of(encode(telemetry(battery=battery))) is Drop.MALFORMED
 
 
 @pytest.mark.parametrize("length", [2**31, 2**62, 2**63, 2**64 - 1])

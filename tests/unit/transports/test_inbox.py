@@ -8,7 +8,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.contents import AGENTS, CODEC, LANDMARKS
+from tests.contents import AGENTS, CODEC, LANDMARKS, telemetry
 
 from covey.errors import ArgumentError, Drop
 from covey.geometry import Pose2
@@ -27,6 +27,7 @@ from covey.protocol import (
 )
 from covey.transports.codec import EVERYBODY, Channel, Codec, Content
 from covey.transports.inbox import MOST_OPERATORS, WINDOW, Arrival, Inbox, ReplayGuard
+from covey.transports.telemetry import Telemetry
 
 
 def busy(number: int, agent: int = 1) -> Busy:
@@ -123,6 +124,46 @@ def test_a_change_comes_by_its_own_way_alone_and_each_operator_counts_for_itself
     inbox.put(arrival(busy(1), 1, to=EVERYBODY, key=OPERATOR, channel=Channel.CHANGE))
     assert inbox.take() == []
     assert inbox.dropped[Drop.IMPOSTOR] == 3
+
+
+def report(number: int, *, key: int = 1, incarnation: int = 1, channel: Channel = Channel.TELEMETRY) -> Arrival:
+    content = telemetry(x=float(number), incarnation=incarnation)
+    return arrival(content, number, to=EVERYBODY, key=key, channel=channel, incarnation=incarnation)
+
+
+def places(inbox: Inbox) -> list[float]:
+    return [float(content.state[0]) for content in inbox.take() if isinstance(content, Telemetry)]
+
+
+def test_of_the_reports_of_a_vehicle_the_newest_counts(inbox: Inbox) -> None:
+    for number in (3, 1, 5, 4):
+        inbox.put(report(number))
+    inbox.put(state(9, 6))  # the two have nothing to do with each other
+    assert [type(content) for content in inbox.take()] == [Telemetry, Heartbeat]
+    assert inbox.dropped == {Drop.OUTDATED: 3}
+    inbox.put(report(2))
+    inbox.put(report(5))
+    assert places(inbox) == []
+    assert inbox.dropped == {Drop.OUTDATED: 4, Drop.REPLAYED: 1}
+    inbox.put(report(1, incarnation=2))
+    inbox.put(report(7, incarnation=1))
+    assert places(inbox) == [1.0]
+    assert inbox.dropped == {Drop.OUTDATED: 4, Drop.REPLAYED: 2}
+
+
+def test_a_report_counts_only_by_the_key_of_its_agent_and_its_own_way(inbox: Inbox) -> None:
+    for number, wrong in enumerate(
+        [
+            report(1, key=2),
+            report(2, channel=Channel.STATE),
+            report(3, channel=Channel.LOG),
+            arrival(beat(1), 4, to=EVERYBODY, channel=Channel.TELEMETRY),
+        ],
+        start=1,
+    ):
+        inbox.put(wrong)
+        assert inbox.take() == []
+        assert inbox.dropped == {Drop.IMPOSTOR: number}
 
 
 def test_only_so_many_operators_are_told_apart(inbox: Inbox) -> None:

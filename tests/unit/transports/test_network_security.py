@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.certificates import Authority
-from tests.contents import CODEC
+from tests.contents import CODEC, telemetry
 from tests.net import free_endpoint, wait_until
 
 from covey.errors import Drop, NetworkError
@@ -28,6 +28,7 @@ from covey.protocol import (
     TradeId,
 )
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
+from covey.transports.telemetry import Telemetry
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
 LONG_ENOUGH = 1.0
@@ -190,6 +191,31 @@ def test_an_observer_on_the_list_may_ask_for_maps_and_nobody_else_answers(listed
     wait_until(asked, "the map arrives")
     assert all(isinstance(message, Map) and message.sender == known.sender for message in heard)
     assert observer.dropped == {}
+
+
+def test_an_observer_hears_of_each_vehicle_from_its_agent_alone(listed: Guarded) -> None:
+    observer = ZenohObserver(CODEC, listed.options(listed.authority.issue("eye")))
+    listed.stack.callback(observer.close)
+    two = listed.join(2, listed.authority.issue("two"))
+    as_another = listed.join(0, listed.authority.issue("two"))  # its name is that of agent 2
+    heard: list[object] = []
+
+    def all_told() -> bool:
+        for member in (listed.a, two):
+            member.report(telemetry(member.agent, x=1.0))
+        as_another.report(telemetry(0, x=66.0))  # by the key of agent 0, which is denied
+        two.report(telemetry(0, x=66.0))  # by its own key, as agent 0
+        heard.extend(observer.receive())
+        told = {item.sender.agent for item in heard if isinstance(item, Telemetry)}
+        return told == {0, 2} and observer.dropped.get(Drop.IMPOSTOR, 0) > 3
+
+    wait_until(all_told, "both are heard, and the lie is counted")
+    time.sleep(LONG_ENOUGH)
+    as_another.report(telemetry(0, x=66.0))
+    time.sleep(LONG_ENOUGH)
+    heard.extend(observer.receive())
+    assert all(isinstance(item, Telemetry) and item.state[0] == 1.0 for item in heard)
+    assert set(observer.dropped) <= {Drop.IMPOSTOR, Drop.OUTDATED}
 
 
 NEWS = Catalogue({1: LandmarkChange(1, True, 4.0, 0.5, 0.5)})

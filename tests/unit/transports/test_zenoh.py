@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 import pytest
 import zenoh
-from tests.contents import AGENTS, CODEC, LANDMARKS
+from tests.contents import AGENTS, CODEC, LANDMARKS, telemetry
 from tests.net import connect_team, free_endpoint, settle_team, wait_until
 from zenoh.handlers import Callback
 
@@ -35,6 +35,7 @@ from covey.protocol import (
 )
 from covey.transports.codec import Codec
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
+from covey.transports.telemetry import Telemetry
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
 PREFIX = f"covey/{CODEC.digest.hex()}"
@@ -247,6 +248,24 @@ def test_an_observer_hears_states_and_every_event(net: Net) -> None:
         observer.close()
         assert observer.receive() == []
         assert not observer.wait(0.0)
+
+
+def test_observers_hear_of_vehicles_and_agents_do_not(net: Net) -> None:
+    a, b = net.team
+    with closing(ZenohObserver(CODEC, net.options)) as observer:
+        heard: list[object] = []
+
+        def told() -> bool:
+            a.report(telemetry(0, x=0.25))
+            heard.extend(observer.receive())
+            return bool(heard)
+
+        wait_until(told, "the report arrives")
+        assert all(isinstance(item, Telemetry) and item.state[0] == 0.25 for item in heard)
+        a.send(1, busy(0))
+        wait_until(lambda: b.arrived, "what is said to an agent arrives")
+        assert b.receive() == [busy(0)]  # and nothing before it
+        assert b.dropped == {}
 
 
 CHILD = """

@@ -25,14 +25,9 @@ from covey.runtime.agent import build_planner
 from covey.runtime.network.agent_state import AgentDirectory, await_life, first_life
 from covey.runtime.network.network_file import NetworkPlan
 from covey.runtime.network.observer import Observer
-from covey.runtime.network.remote_agent import (
-    LINGER,
-    RemoteAgent,
-    join_mission,
-    mission_codec,
-    warm_up,
-)
+from covey.runtime.network.remote_agent import LINGER, RemoteAgent, join_mission, mission_codec
 from covey.runtime.network.remote_vehicle import build_vehicle
+from covey.runtime.network.warm_up import warm_up
 from covey.transports.network import report_refusals
 from covey.transports.zenoh import ZenohObserver, ZenohTransport
 
@@ -261,6 +256,7 @@ class _Life:
                 catalogue=catalogue,
                 vehicle=vehicle,
                 on_event=lambda event: self._on_event(transport, event),
+                on_telemetry=transport.report,
                 on_trouble=self._on_trouble,
             )
             stack.enter_context(closing(agent))

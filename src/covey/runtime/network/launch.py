@@ -23,7 +23,8 @@ from covey.runtime.network.launch_options import Blow, LaunchOptions, LaunchRepo
 from covey.runtime.network.network_file import OBSERVER, NetworkPlan
 from covey.runtime.network.observer import Observer
 from covey.runtime.network.operator import Operator
-from covey.runtime.network.remote_agent import mission_codec, warm_up
+from covey.runtime.network.remote_agent import mission_codec
+from covey.runtime.network.warm_up import warm_up
 from covey.runtime.plan import software_versions
 from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.runtime.team import standing_results

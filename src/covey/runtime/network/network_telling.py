@@ -9,14 +9,33 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.flight.arrival import arrived
+from covey.flight.layout import OBSERVATION, OMEGA, QUAT, P, V
+from covey.flight.parameters import load_vehicle
 from covey.protocol import AgentBuried, Heartbeat, LandmarksAdopted, OfferStands, TradeCommitted
 from covey.runtime.network.observer import Heard, Observer
 from covey.runtime.plan import software_versions
-from covey.runtime.watching.feed import Activity, Ended, Health, Run, Scene, TeamState, Trading, Watcher, Weights
-from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, pose_rows
+from covey.runtime.watching.feed import (
+    NOBODY,
+    Activity,
+    Ended,
+    Health,
+    Motion,
+    Run,
+    Scene,
+    TeamState,
+    Trading,
+    Watcher,
+    Weights,
+)
+from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, planar, pose_rows
+from covey.transports.telemetry import Telemetry
 
 HEALTH_EVERY = 1.0
 """Seconds between two `Health`s while nobody's activity changes."""
+
+MOTION_EVERY = 0.1
+"""Seconds between two `Motion`s, at least: as often as an agent reports."""
 
 SILENT = 0.5
 """Part of the time until an agent counts as dead after which it is suspect."""
@@ -37,10 +56,17 @@ class NetworkTeller(Teller):
     def __init__(self, watch: Watcher, observer: Observer, *, dead_after: float) -> None:
         team = observer.team
         self._observer = observer
+        self._flies = False  # whether any vehicle has been heard of
         super().__init__(watch, self._describe())
         self._dead_after = dead_after
         self._heard = np.empty(0)
         self._quiescent = np.empty(0, dtype=np.bool_)
+        self._reported = np.empty(0)  # when each vehicle was heard of last; NaN: never
+        self._vehicles = np.empty((0, OBSERVATION))
+        self._battery = np.empty(0)
+        self._altitudes = np.empty(0)
+        self._has_moved = False
+        self._motion_due = -math.inf
         self._catalogue = team.planner.catalogue
         self._entries = len(team.history)
         self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
@@ -54,7 +80,15 @@ class NetworkTeller(Teller):
         mission = replace(
             team.first_mission, landmarks=team.planner.landmarks, agents=tuple(team.planner.agents), changes=()
         )
-        return describe(mission, team.planner.models, run=Run.NETWORK, software=software_versions())
+        vehicle = load_vehicle(mission.flight.vehicle) if self._flies else None
+        return describe(
+            mission,
+            team.planner.models,
+            run=Run.NETWORK,
+            software=software_versions(),
+            body_radius=0.0 if vehicle is None else vehicle.body_radius,
+            required_separation=0.0 if vehicle is None else vehicle.required_separation,
+        )
 
     def _begin(self) -> None:
         """Tell the scene, at the start and when it changes, and the state."""
@@ -62,6 +96,11 @@ class NetworkTeller(Teller):
         more = len(self._names) - len(self._heard)
         self._heard = np.append(self._heard, np.full(more, np.nan))
         self._quiescent = np.append(self._quiescent, np.zeros(more, dtype=np.bool_))
+        self._reported = np.append(self._reported, np.full(more, np.nan))
+        self._vehicles = np.append(self._vehicles, np.full((more, OBSERVATION), np.nan), axis=0)
+        self._battery = np.append(self._battery, np.full(more, np.nan))
+        count, flight = len(self._names), self._observer.team.first_mission.flight
+        self._altitudes = np.array(flight.altitudes(count)) if self._flies else np.zeros(count)
         self.tell(self.scene)
         self.state(self._state())
 
@@ -81,6 +120,10 @@ class NetworkTeller(Teller):
 
     def hear(self, item: Heard) -> None:
         """Take in what the observer heard."""
+        if isinstance(item.content, Telemetry):
+            self._look_for_changes()
+            self._take_report(item.time, item.content)
+            return
         if isinstance(item.content, Heartbeat):
             agent = item.content.sender.agent
             if agent >= len(self._heard):
@@ -97,6 +140,47 @@ class NetworkTeller(Teller):
             self._moved["adoption"].append(len(item.content.records.indices))
         self._tell_history(as_heard=True)
         self._tell_health()
+
+    def _take_report(self, time: float, telemetry: Telemetry) -> None:
+        """Note where a vehicle is; `update` tells the rest."""
+        agent = telemetry.sender.agent
+        if agent >= len(self._reported):
+            return  # of whom nothing is known yet
+        self._reported[agent] = time
+        self._vehicles[agent] = telemetry.state
+        self._battery[agent] = telemetry.battery
+        self._has_moved = True
+        if not self._flies:  # from now on there are obstacles, and waypoints are at their altitudes
+            self._flies = True
+            self.scene = self._describe()
+            self._begin()
+        self._tell_motion()
+
+    def _tell_motion(self, *, at_once: bool = False) -> None:
+        """Tell where the vehicles are, if that is news; who has none, or does not tell, is at its committed pose."""
+        now = self._observer.time
+        if not self._has_moved or (now < self._motion_due and not at_once):
+            return
+        self._has_moved, self._motion_due = False, now + MOTION_EVERY
+        known, fresh = ~np.isnan(self._reported), self._fresh()
+        poses = self._poses()
+        poses[known] = np.hstack([self._vehicles[known, P : P + 3], self._vehicles[known, QUAT : QUAT + 4]])
+        velocities, rates = self._vehicles[:, V : V + 3].copy(), self._vehicles[:, OMEGA : OMEGA + 3].copy()
+        velocities[~fresh] = rates[~fresh] = np.nan
+        # of no moment are all positions known, and a separation between those of different moments would be none
+        self.tell(Motion(now, poses, velocities, rates, np.empty((0, 3)), self._score_flown(poses), math.nan))
+
+    def _fresh(self) -> NDArray[np.bool_]:
+        """Return whose vehicles are known to be where they were reported, shape (m,)."""
+        return np.asarray(self._observer.time - self._reported <= SILENT * self._dead_after)
+
+    def _score_flown(self, poses: NDArray[np.float64]) -> float:
+        """Return the team's score from where the vehicles are; NaN while one of those that watch does not tell."""
+        team = self._observer.team
+        watching = [agent for agent in np.unique(team.owner).tolist() if agent != NOBODY and agent not in team.dead]
+        if not self._fresh()[watching].all():
+            return math.nan
+        return sum(team.score_from(agent, planar(poses[agent])) for agent in watching)
 
     def _tell_trading(self, time: float, offer: OfferStands) -> None:
         """Tell that landmarks are being traded, or are so no more."""
@@ -125,6 +209,7 @@ class NetworkTeller(Teller):
         self._tell_history(as_heard=False)
         if not np.array_equal(team.owner, self.view.owner) or not np.array_equal(self._poses(), self.view.poses):
             self.state(self._state())  # what the team agreed on is not quite what events told
+        self._tell_motion()
         self._tell_health()
 
     def _tell_history(self, *, as_heard: bool) -> None:
@@ -154,11 +239,12 @@ class NetworkTeller(Teller):
         if now - self._healthy_at >= HEALTH_EVERY or not np.array_equal(activity, self.view.activity):
             self._healthy_at = now
             unknown = np.full(len(self._names), np.nan)
-            self.tell(Health(now, activity, unknown, unknown, self._heard.copy()))
+            self.tell(Health(now, activity, self._battery.copy(), unknown, self._heard.copy()))
 
     def end(self, status: str, holds: bool | None) -> None:
         """Tell the last state, and that the mission is over."""
         self.update()
+        self._tell_motion(at_once=True)
         for server in list(self._offers):
             self._close(self._observer.time, server)
         self.state(self._state())
@@ -167,6 +253,7 @@ class NetworkTeller(Teller):
     def _activity(self) -> NDArray[np.uint8]:
         silence = self._observer.time - self._heard
         activity = np.where(self._quiescent, Activity.QUIESCENT, Activity.IDLE).astype(np.uint8)
+        activity[self._under_way()] = Activity.FLYING
         activity[silence > SILENT * self._dead_after] = Activity.SUSPECT
         activity[silence > self._dead_after] = Activity.DEAD
         activity[list(self._observer.team.dead)] = Activity.DEAD
@@ -174,8 +261,19 @@ class NetworkTeller(Teller):
         activity[list(self._observer.team.gone)] = Activity.GONE
         return activity
 
+    def _under_way(self) -> NDArray[np.bool_]:
+        """Return whose vehicles are known to be elsewhere than at their waypoints, shape (m,)."""
+        if not self._flies:
+            return np.zeros(len(self._names), dtype=np.bool_)
+        flight, rows = self._observer.team.first_mission.flight, self._vehicles
+        poses = self._observer.team.poses
+        goals = [(pose.x, pose.y, z, pose.yaw) for pose, z in zip(poses, rows[:, P + 2].tolist(), strict=True)]
+        there = np.zeros(len(rows), dtype=np.bool_)
+        arrived(rows, np.array(goals), flight.arrival_position, flight.arrival_yaw, math.inf, there)
+        return self._fresh() & ~self._quiescent & ~there
+
     def _poses(self) -> NDArray[np.float64]:
-        return pose_rows(self._observer.team.poses, np.zeros(len(self._names)))
+        return pose_rows(self._observer.team.poses, self._altitudes)
 
     def _scores(self) -> NDArray[np.float64]:
         scores = self._observer.team.scores.copy()

@@ -235,10 +235,14 @@ class ObservedTeam:
     def _all_scores(self) -> NDArray[np.float64]:
         return np.array([self._score_of(agent) for agent in range(len(self.poses))])
 
-    def _score_of(self, agent: int) -> float:
+    def score_from(self, agent: int, pose: Pose2) -> float:
+        """Return what an agent's landmarks are worth as seen from a pose, eq. (4.4)."""
         planner, own = self.planner, np.flatnonzero(self.owner == agent)
-        pose = self.poses[agent].as_array()[None, :]
-        return float(planner.models[agent].visibility(pose, planner.landmarks.subset(own))[0] @ planner.weights[own])
+        seen = planner.models[agent].visibility(pose.as_array()[None, :], planner.landmarks.subset(own))[0]
+        return float(seen @ planner.weights[own])
+
+    def _score_of(self, agent: int) -> float:
+        return self.score_from(agent, self.poses[agent])
 
     def _log(
         self, event: str, *agents: int, before: NDArray[np.int64] | None = None, gain: float | None = None

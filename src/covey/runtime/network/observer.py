@@ -20,8 +20,9 @@ from covey.protocol.records import INCARNATION, NOBODY, OWNER, RecordSlice
 from covey.runtime.network.observed_team import ObservedTeam
 from covey.runtime.network.remote_agent import NETWORK_TIMES
 from covey.runtime.team import initial_owners
+from covey.transports.telemetry import Telemetry
 
-Content: TypeAlias = Heartbeat | Event | Map
+Content: TypeAlias = Heartbeat | Event | Map | Telemetry
 
 ASK_EVERY = 0.5
 """Seconds between two questions for maps while the mission goes on."""
@@ -62,7 +63,7 @@ class Heard:
     ----------
     time : float
         Seconds since the observer began.
-    content : Heartbeat, Event or Map
+    content : Heartbeat, Event, Map or Telemetry
     """
 
     time: float
@@ -186,7 +187,7 @@ class Observer:
             if isinstance(item.content, Heartbeat):
                 self._hear(item.content, item.time)
         self.team.set_living(self.living)
-        self._late &= all(isinstance(item.content, Heartbeat | Map) for item in news)
+        self._late &= not any(isinstance(item.content, Event) for item in news)
         for item in news:
             self._take(item)
         digest = self._agreed(self.living)
@@ -239,7 +240,7 @@ class Observer:
             self._maps[digest] = content
             if self._late:
                 self._catch_up(content)
-        elif not isinstance(content, Heartbeat):
+        elif isinstance(content, Event):
             if not self.team.knows(content):
                 self._early = [*self._early[-MOST_EARLY:], content]
                 return

@@ -15,7 +15,6 @@ from covey.mission import Mission, mission_digest
 from covey.protocol import (
     EMPTY,
     Adopt,
-    AgentState,
     Catalogue,
     Event,
     GoTo,
@@ -37,11 +36,12 @@ from covey.runtime.agent import TeamPlanner, build_planner, nearest_first
 from covey.runtime.airspace import check_processes
 from covey.runtime.links import build_links
 from covey.runtime.network.prover import Prover
-from covey.runtime.network.remote_vehicle import AtOnce, Leg, Vehicle, build_vehicle
+from covey.runtime.network.remote_vehicle import AtOnce, Leg, Vehicle
 from covey.runtime.streams import Stream, generator
 from covey.runtime.team import initial_owners
 from covey.transports import RealTransport
 from covey.transports.codec import Codec
+from covey.transports.telemetry import Telemetry
 
 NETWORK_TIMES = MembershipOptions(heartbeat_every=0.5, dead_after=3.0, map_every=0.3)
 """On a network: who is silent for six heartbeats is dead."""
@@ -60,6 +60,9 @@ SLEPT = 0.25
 
 MORE_AGENTS, MORE_LANDMARKS = 1_000, 1_000_000
 """How many agents may join a mission on a network, and landmarks be added."""
+
+REPORT_EVERY = 0.1
+"""Seconds between two reports of where the vehicle is, at least; one that rests reports when its node is due."""
 
 PROOF_TICK = 0.01
 """How often to look whether a proof is done, seconds."""
@@ -80,6 +83,8 @@ class RemoteAgent:
         At each waypoint at once by default.
     on_event : callable, keyword-only
         Called with each event of this agent; `ZenohTransport.log` tells observers.
+    on_telemetry : callable, keyword-only
+        Called with where the vehicle is, ten times a second at most; `ZenohTransport.report` tells observers.
     on_change : callable, keyword-only
         Called after whatever may have changed what there is to remember.
     on_trouble : callable, keyword-only
@@ -110,6 +115,7 @@ class RemoteAgent:
         prover: Prover,
         vehicle: Vehicle | None = None,
         on_event: Callable[[Event], object] = lambda event: None,
+        on_telemetry: Callable[[Telemetry], object] = lambda telemetry: None,
         on_change: Callable[[], object] = lambda: None,
         on_trouble: Callable[[str], object] = lambda text: None,
         clock: Callable[[], float] = time.monotonic,
@@ -130,6 +136,8 @@ class RemoteAgent:
         self._rng = rng
         self._prover = prover
         self._on_event = on_event
+        self._on_telemetry = on_telemetry
+        self._report_at = -math.inf
         self._on_change = on_change
         self._on_trouble = on_trouble
         self._wall = clock
@@ -190,6 +198,7 @@ class RemoteAgent:
         membership = self.node.options.membership
         if self._has_begun and membership is not None and membership.adopt is Adopt.ALL:
             self._roll_call_at = self._clock() + self._beat
+        self._report()  # before any event says where it is bound for
         self._carry_out(self.node.start(self._clock(), self._rng))
         early, self._early = self._early, []
         self._take_in(early)
@@ -215,6 +224,7 @@ class RemoteAgent:
         if self._roll_call_at <= self._clock():
             self._call_the_roll()
         self._fly()
+        self._report()
         self._prove()
         if self._transport.map_wanted:
             own = self.node
@@ -302,6 +312,14 @@ class RemoteAgent:
         elif leg is Leg.STUCK:
             held = self.vehicle.hold()
             self._carry_out(self.node.waypoint_unreachable(self._clock(), held))
+
+    def _report(self) -> None:
+        """Tell where the vehicle is, if there is one and it is time to."""
+        now = self._clock()
+        state = self.vehicle.state if now >= self._report_at else None
+        if state is not None:
+            self._report_at = now + REPORT_EVERY
+            self._on_telemetry(Telemetry(self.node.sender, state, self.vehicle.battery))
 
     def _prove(self) -> None:
         """Have the pose proved when there is nothing else to do, and go on if the proof finds a better one."""
@@ -422,6 +440,7 @@ def join_mission(
     catalogue: Catalogue = EMPTY,
     vehicle: Vehicle | None = None,
     on_event: Callable[[Event], object] = lambda event: None,
+    on_telemetry: Callable[[Telemetry], object] = lambda telemetry: None,
     on_trouble: Callable[[str], object] = lambda text: None,
 ) -> RemoteAgent:
     """Build one life of one agent of a mission.
@@ -436,7 +455,7 @@ def join_mission(
         As for `build_node`.
     planner : TeamPlanner, keyword-only
         Made from the mission by default.
-    vehicle, on_event, on_trouble : keyword-only
+    vehicle, on_event, on_telemetry, on_trouble : keyword-only
         As for `RemoteAgent`.
 
     Raises
@@ -455,37 +474,6 @@ def join_mission(
         prover=Prover(mission, agent, planner),
         vehicle=vehicle,
         on_event=on_event,
+        on_telemetry=on_telemetry,
         on_trouble=on_trouble,
     )
-
-
-def warm_up(mission: Mission, agent: int, vehicles: str = "none") -> None:
-    """Load or compile all that planning and flying need, so that an agent does not fall silent for it in the mission.
-
-    Parameters
-    ----------
-    mission : Mission
-    agent : int
-    vehicles : str
-        As for `build_vehicle`.
-    """
-    coverage = mission.coverage
-    few = np.linspace(0, len(mission.landmarks) - 1, min(len(mission.landmarks), 32)).astype(np.int64)
-    landmarks = mission.landmarks.subset(np.unique(few))
-    small = replace(mission, landmarks=landmarks, coverage=replace(coverage, assignment={}))
-    planner = build_planner(small)
-    own = np.arange(len(landmarks))
-    pose = mission.agents[agent].pose
-    planner.improve(agent, pose, own)
-    half = len(own) // 2
-    other = (agent + 1) % len(mission.agents)
-    if other != agent:
-        planner.propose(AgentState(agent, pose, own[:half]), AgentState(other, mission.agents[other].pose, own[half:]))
-    prover = Prover(small, agent, planner)
-    prover.begin(0, pose, own)
-    prover.result()
-    prover.close()
-    vehicle = build_vehicle(mission, agent, vehicles, pose, 0.0)
-    x, _, y, _ = mission.agents[agent].region.bounds
-    vehicle.go_to(0.0, Pose2(x, y, 0.0))
-    vehicle.advance(1.0)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import enum
+import math
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from covey.geometry import Pose2
 from covey.mission import Mission
@@ -26,6 +30,16 @@ class Vehicle(Protocol):
         """Where it is, frame W."""
         ...
 
+    @property
+    def state(self) -> NDArray[np.float64] | None:
+        """How it moves, shape (13,), columns of an observation in `covey.flight.layout`; None: nothing flies."""
+        ...
+
+    @property
+    def battery(self) -> float:
+        """Share that is left of its battery, from 0 to 1; NaN where unknown."""
+        ...
+
     def go_to(self, now: float, pose: Pose2) -> None:
         """Set off to a waypoint; `now` in seconds."""
         ...
@@ -44,12 +58,15 @@ class Vehicle(Protocol):
 
 
 class AtOnce:
-    """A vehicle that is at each waypoint at once.
+    """A vehicle that is at each waypoint at once; nothing flies.
 
     Parameters
     ----------
     pose : Pose2
     """
+
+    state = None
+    battery = math.nan
 
     def __init__(self, pose: Pose2) -> None:
         self.pose = pose

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from covey.flight.layout import P
+import numpy as np
+from numpy.typing import NDArray
+
+from covey.flight.layout import OBSERVATION, OMEGA, P, V
 from covey.geometry import Pose2, wrap_angle
 from covey.mission import Mission
 from covey.runtime.fly import GRACE, SLOWEST
@@ -63,6 +66,19 @@ class SimulatedVehicle:
         """Where it is, frame W."""
         x, y = (float(value) for value in self._fleet.state[0, P : P + 2])
         return Pose2(x, y, wrap_angle(self._fleet.yaw(0)))
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """How it moves, shape (13,), columns of an observation in `covey.flight.layout`."""
+        state = self._fleet.state[0, :OBSERVATION].copy()
+        if self._resting:
+            state[V : V + 3] = state[OMEGA : OMEGA + 3] = 0.0
+        return state
+
+    @property
+    def battery(self) -> float:
+        """NaN: unknown."""
+        return math.nan
 
     def go_to(self, now: float, pose: Pose2) -> None:
         """Fly to a waypoint at the agent's altitude."""

@@ -295,17 +295,19 @@ class Motion:
     ----------
     time : float
     poses : array, shape (m, 7)
-        True poses; see `POSE`.
+        True poses; see `POSE`.  On a network: the last known one of a vehicle that is silent, the committed one of an
+        agent that tells of no vehicle.
     velocities_W : array, shape (m, 3)
-        m/s.
+        m/s; NaN where unknown.
     rates_B : array, shape (m, 3)
-        Body rates, rad/s.
+        Body rates, rad/s; NaN where unknown.
     objects_W : array, shape (j, 3)
         Centres of moving objects, metres.
     score_flown : float
         Team score from the true poses; NaN where unknown.
     separation : float
-        Least scaled distance between two vehicles in the air, metres; infinite where fewer than two fly.
+        Least scaled distance between two vehicles in the air, metres; infinite where fewer than two fly,
+        NaN where unknown.
     """
 
     time: float

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from covey.flight.layout import OMEGA, QUAT, P, V
 from covey.flight.obstacles import Box, Obstacle, Sphere
+from covey.flight.rotation import yaw_of
 from covey.geometry import Pose2, Region
 from covey.mission import Mission
 from covey.protocol import Lock, Node, Offer, TradeId
@@ -442,6 +443,11 @@ def pose_rows(poses: Sequence[Pose2], altitudes: Sequence[float] | NDArray[np.fl
     for row, pose, z in zip(rows, poses, altitudes, strict=True):
         row[:] = (pose.x, pose.y, z, math.cos(0.5 * pose.yaw), 0.0, 0.0, math.sin(0.5 * pose.yaw))
     return rows
+
+
+def planar(row: NDArray[np.float64]) -> Pose2:
+    """Return the planar part of a row of `covey.runtime.watching.feed.POSE` columns, its heading that of the x axis."""
+    return Pose2(float(row[0]), float(row[1]), yaw_of(row[3:]))
 
 
 def change_text(event: str, names: Sequence[str], moved: int, score: float) -> str:
