@@ -159,6 +159,8 @@ class VehicleParameters:
         Distance that two vehicles keep between their tips, m.
     vertical_ratio : float
         Vertical offsets count as much less than horizontal ones in separation.
+    endurance : float
+        How long a full battery lasts in hover, s; NaN where unknown.
     """
 
     name: str
@@ -182,6 +184,7 @@ class VehicleParameters:
     limits: Limits
     margin: float
     vertical_ratio: float
+    endurance: float = math.nan
 
     @property
     def required_separation(self) -> float:
@@ -231,12 +234,15 @@ class VehicleParameters:
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """What the loader expects of a key: its unit, the shape of its value and the least value allowed."""
+    """What the loader expects of a key: its unit, the shape of its value, the least value allowed, and whether it must
+    be there, else it is NaN.
+    """
 
     unit: str
     shape: tuple[int, ...] = ()
     positive: bool = True
     any_sign: bool = False
+    required: bool = True
 
 
 _SCHEMA: dict[str, _Entry] = {
@@ -273,6 +279,7 @@ _SCHEMA: dict[str, _Entry] = {
     "limits.max_jerk": _Entry("m/s^3"),
     "separation.margin": _Entry("m", positive=False),
     "separation.vertical_ratio": _Entry("1"),
+    "battery.endurance": _Entry("s", required=False),
 }
 _TO_SI = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0}
 
@@ -370,6 +377,7 @@ def _build(document: Mapping[str, Any], file: str) -> VehicleParameters:
         limits=Limits(**section("limits.")),
         margin=number("separation.margin"),
         vertical_ratio=number("separation.vertical_ratio"),
+        endurance=number("battery.endurance"),
     )
 
 
@@ -383,6 +391,8 @@ def _value(document: Mapping[str, Any], key: str, entry: _Entry, file: str, mist
     section, _, name = key.partition(".")
     table = document.get(section)
     given = table.get(name) if isinstance(table, Mapping) else None
+    if given is None and not entry.required:
+        return np.full(entry.shape, np.nan)
     if given is None:
         return wrong(f'missing; expected {{ value = ..., unit = "{entry.unit}", source = "..." }}')
     if not isinstance(given, Mapping) or set(given) != {"value", "unit", "source"}:

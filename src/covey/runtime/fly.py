@@ -419,7 +419,13 @@ class _Sortie:
                     fleet.time, event.kind, [fleet.recorder.names.index(name) for name in event.vehicles], event.text
                 )
         self._told_notes = len(fleet.recorder.events)
-        teller.motion(fleet.state, objects_W=fleet.objects_W, score_flown=self._flown, separation=fleet.separation)
+        teller.motion(
+            fleet.state,
+            objects_W=fleet.objects_W,
+            score_flown=self._flown,
+            separation=fleet.separation,
+            battery=fleet.battery,
+        )
 
     def _report(self, flown: float) -> FlightReport:
         fleet = self.fleet

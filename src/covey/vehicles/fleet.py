@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from covey.flight.arrival import arrived, tumbling
 from covey.flight.backstepping import control_all
+from covey.flight.battery import Batteries
 from covey.flight.disturbance import DisturbanceEstimate
 from covey.flight.layout import COMMAND, ON_GROUND, QUAT, SIGNALS, P, V
 from covey.flight.navigation import Navigator, Status
@@ -129,6 +130,7 @@ class Fleet:
         self._arrival = arrival or Arrival()
         self._rows = np.array([vehicle.row() for vehicle in parameters])
         self._disturbance = DisturbanceEstimate(parameters)
+        self._batteries = Batteries(parameters)
         self._objects = tuple(object_indices)
         self._object_positions = np.zeros((len(self._objects), 3))
         self._every = max(1, round(log_every / CONTROL_PERIOD))
@@ -158,6 +160,11 @@ class Fleet:
     def parameters(self) -> tuple[VehicleParameters, ...]:
         """The vehicles."""
         return self.simulator.parameters
+
+    @property
+    def battery(self) -> NDArray[np.float64]:
+        """Share that is left of each vehicle's battery, shape (n,); NaN where unknown, as without rotors."""
+        return np.full(self.n, np.nan) if self.kind is Kind.KINEMATIC else self._batteries.shares
 
     @property
     def tracking_rms(self) -> float:
@@ -242,6 +249,7 @@ class Fleet:
         else:
             self.simulator.step(self._commands, CONTROL_PERIOD)
         self.state = self.simulator.state
+        self._batteries.drain(self.state, CONTROL_PERIOD)
         self._count += 1
         self._watch(references)
         if self._realtime:

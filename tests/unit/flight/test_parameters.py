@@ -121,6 +121,15 @@ def test_mistakes_are_told_with_file_and_key(tmp_path: Path, old: str, new: str,
     assert told in broken(tmp_path, old, new)
 
 
+def test_an_endurance_may_be_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "older.toml"
+    path.write_text(IRIS.partition("[battery]")[0], "utf-8")
+    assert math.isnan(load_vehicle(path).endurance)
+    assert load_vehicle("iris").endurance == 960.0
+    assert "battery.endurance: expected more than 0" in broken(tmp_path, "value = 960.0", "value = 0.0")
+    assert "did you mean battery.endurance?" in broken(tmp_path, "endurance = {", "endurnce = {")
+
+
 def test_all_mistakes_at_once(tmp_path: Path) -> None:
     text = broken(tmp_path, 'mass = { value = 1.442, unit = "kg"', 'extra = 1\nmass = { value = 0.0, unit = "kg"')
     assert "body.extra" in text

@@ -33,7 +33,7 @@ from covey.runtime.plan import plan
 from covey.runtime.records import ros_types
 from covey.runtime.records.mcap_reader import Record
 from covey.runtime.records.mcap_record import METADATA, Recorder, RecordFile, partial_path, topic_of
-from covey.runtime.records.record_topics import into_body, topic_names
+from covey.runtime.records.record_topics import StandardTopics, into_body, topic_names
 from covey.runtime.records.record_types import LAYOUTS, decode, encode
 from covey.runtime.watching.feed import (
     BoundFound,
@@ -438,8 +438,29 @@ def test_messages_are_packed_as_the_definition_says() -> None:
     array: Any = store.deserialize_cdr(ros_types.marker_array(5, [marker, marker]), ros_types.MARKERS)
     assert array.markers[1].points[1].z == 5.0
     assert (array.markers[1].color.r, array.markers[1].text, array.markers[1].frame_locked) == (1.0, "é", True)
+    battery: Any = store.deserialize_cdr(ros_types.battery_state(1_500_000_007, "abc", 0.75), ros_types.BATTERY)
+    assert (battery.header.frame_id, battery.header.stamp.nanosec, battery.percentage) == ("abc", 500_000_007, 0.75)
+    assert (battery.power_supply_status, battery.present) == (battery.POWER_SUPPLY_STATUS_DISCHARGING, True)
+    assert math.isnan(battery.voltage)
+    assert math.isnan(battery.design_capacity)
     line: Any = store.deserialize_cdr(ros_types.log_line(5, ros_types.WARN, "covey", "lost"), ros_types.LOG)
     assert (line.level, line.name, line.msg) == (30, "covey", "lost")
+
+
+def test_only_batteries_of_which_something_is_known_are_on_their_topics(flown: Items) -> None:
+    put: list[tuple[str, str]] = []
+    topics = StandardTopics(lambda topic, kind, data, latched: put.append((topic, kind)))
+    begun = next(item for item in flown if isinstance(item, Scene))
+    topics.write(begun, 0)
+    put.clear()
+    unknown = np.full(len(begun.agents), np.nan)
+    activity = np.zeros(len(begun.agents), dtype=np.uint8)
+    topics.write(Health(1.0, activity, unknown, unknown, unknown), 1)
+    assert put == []
+    known = unknown.copy()
+    known[1] = 0.25
+    topics.write(Health(2.0, activity, known, unknown, unknown), 2)
+    assert put == [(f"/covey/{topic_names([agent.name for agent in begun.agents])[1]}/battery", ros_types.BATTERY)]
 
 
 @given(st.lists(st.text(max_size=8), max_size=12))

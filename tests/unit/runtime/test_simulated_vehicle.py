@@ -11,6 +11,7 @@ from tests.unit.runtime.small import small
 
 from covey.flight.layout import OBSERVATION, QUAT, P, V
 from covey.flight.obstacles import Box
+from covey.flight.parameters import load_vehicle
 from covey.flight.rotation import yaw_of
 from covey.geometry import Pose2, wrap_angle
 from covey.mission import Mission
@@ -71,6 +72,13 @@ def test_what_is_to_be_seen_of_it(mission: Mission) -> None:
     assert vehicle.state[V : V + 3].tolist() == [0.0, 0.0, 0.0]  # nothing moves it any more
     assert math.isnan(vehicle.battery)
     assert state is not vehicle.state
+
+
+def test_a_vehicle_with_rotors_has_a_battery(mission: Mission) -> None:
+    vehicle = SimulatedVehicle(mission, 0, Kind.REFERENCE, START, 0.0)
+    assert vehicle.battery == 1.0
+    _, now = fly(vehicle, begin=0.0, until=5.0)
+    assert 1.0 - vehicle.battery == pytest.approx(now / load_vehicle("iris").endurance, rel=0.1)
 
 
 def test_a_kinematic_vehicle_that_has_arrived_needs_no_time(mission: Mission) -> None:

@@ -202,6 +202,12 @@ def test_what_a_flight_tells_adds_up(flown: tuple[Deployment, list[Scene | Updat
     kinds = {item.kind for item in items if isinstance(item, Note)}
     assert {"takeoff", "reached", "fault", "lost", "landing"} <= kinds
     assert any((item.activity == Activity.FLYING).any() for item in items if isinstance(item, Health))
+    batteries = np.array([item.battery for item in items if isinstance(item, Health)])
+    batteries = batteries[np.isfinite(batteries).all(axis=1)]
+    assert (np.diff(batteries, axis=0) <= 0.0).all()
+    assert 1.0 - batteries[-1, 0] == pytest.approx(flight.deployment.flight.duration / 960.0, rel=0.2)
+    assert batteries[-1, 1] > batteries[-1, 0]  # it does not fly any more
+    assert batteries[-1, 1] == pytest.approx(batteries[-5, 1], abs=1e-4)  # its rotors idle
     times = np.array([item.time for item in items if isinstance(item, Motion)])
     assert np.diff(times)[:-1] == pytest.approx(MOTION_EVERY, abs=1e-6)
     states = [item.time for item in items if isinstance(item, TeamState)]

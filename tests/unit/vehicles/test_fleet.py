@@ -46,6 +46,25 @@ def test_vehicles_stand_until_they_are_told_to_fly(kind: Kind) -> None:
     assert fleet.time == pytest.approx(fleet.simulator.time)
 
 
+def test_hovering_takes_its_share_of_the_battery_and_standing_takes_none() -> None:
+    fleet = make()
+    fleet.go_to(0, (0.0, 0.0, 1.5), 0.0)
+    assert fleet.run(lambda: fleet.reached(0), 20.0)
+    before = fleet.battery.copy()
+    fleet.run(lambda: False, 10.0)
+    used = before - fleet.battery
+    assert used[0] == pytest.approx(10.0 / IRIS.endurance, rel=0.01)
+    assert used[1] < 0.01 * used[0]  # its rotors idle
+    assert 0.0 < before[0] < before[1] <= 1.0
+
+
+def test_a_vehicle_without_rotors_has_no_battery() -> None:
+    fleet = make(Kind.KINEMATIC)
+    fleet.go_to(0, (0.0, 0.0, 1.5), 0.0)
+    fleet.run(lambda: False, 1.0)
+    assert np.isnan(fleet.battery).all()
+
+
 def test_a_place_counts_as_reached_only_when_it_is_held() -> None:
     fleet = make(Kind.KINEMATIC)
     fleet.go_to(0, (0.0, 0.0, 0.1), 0.0)  # nearly there, and nearly at rest, from the start

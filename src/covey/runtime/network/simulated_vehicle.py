@@ -77,8 +77,8 @@ class SimulatedVehicle:
 
     @property
     def battery(self) -> float:
-        """NaN: unknown."""
-        return math.nan
+        """Share that is left of its battery, which was full at the start; NaN where unknown."""
+        return float(self._fleet.battery[0])
 
     def go_to(self, now: float, pose: Pose2) -> None:
         """Fly to a waypoint at the agent's altitude."""

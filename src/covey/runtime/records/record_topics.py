@@ -14,6 +14,7 @@ from covey.runtime.records import ros_types as ros
 from covey.runtime.watching.feed import (
     NOBODY,
     BoundFound,
+    Health,
     Motion,
     Note,
     ObstacleAppeared,
@@ -106,6 +107,8 @@ class StandardTopics:
                 self._say(now, ros.INFO, item.kind.value, item.text)
             case Trading():
                 self._offered(now)
+            case Health():
+                self._batteries(item, now)
             case BoundFound():
                 self._number("/covey/bound", item.bound, latched=True)
             case Note():
@@ -149,6 +152,11 @@ class StandardTopics:
         if motion.separation != self._separation and math.isfinite(motion.separation):
             self._separation = motion.separation
             self._number("/covey/separation", motion.separation)
+
+    def _batteries(self, health: Health, now: int) -> None:
+        for name, share in zip(self._names, health.battery.tolist(), strict=True):
+            if math.isfinite(share):
+                self._put(f"/covey/{name}/battery", ros.BATTERY, ros.battery_state(now, name, share), False)
 
     def _poses(self, agents: Sequence[int], now: int) -> None:
         """Write the waypoints that are new, and where agents are that do not fly."""

@@ -19,6 +19,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 FLOAT64 = "std_msgs/msg/Float64"
 LOG = "rcl_interfaces/msg/Log"
+BATTERY = "sensor_msgs/msg/BatteryState"
 
 _FIELDS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
@@ -44,6 +45,12 @@ _FIELDS = {
     ),
     "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "sensor_msgs/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
+    "sensor_msgs/BatteryState": (
+        "std_msgs/Header header\nfloat32 voltage\nfloat32 temperature\nfloat32 current\nfloat32 charge\n"
+        "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
+        "uint8 power_supply_health\nuint8 power_supply_technology\nbool present\nfloat32[] cell_voltage\n"
+        "float32[] cell_temperature\nstring location\nstring serial_number"
+    ),
     "visualization_msgs/UVCoordinate": "float32 u\nfloat32 v",
     "visualization_msgs/MeshFile": "string filename\nuint8[] data",
     "visualization_msgs/Marker": (
@@ -64,6 +71,9 @@ ARROW, LINE_LIST, CUBE_LIST, TEXT_VIEW_FACING = 0, 5, 6, 9
 """Types of markers."""
 ADD, DELETEALL = 0, 3
 """What to do with a marker."""
+
+DISCHARGING, UNKNOWN_HEALTH, UNKNOWN_TECHNOLOGY = 2, 0, 0
+"""What is said of batteries."""
 
 INFO, WARN = 20, 30
 """Levels of a log line."""
@@ -112,6 +122,20 @@ def log_line(nanoseconds: int, level: int, name: str, text: str) -> bytes:
     for part in (name, text, "", ""):
         writer.text(part)
     writer.number("<I", 0)
+    return writer.data()
+
+
+def battery_state(nanoseconds: int, frame: str, share: float) -> bytes:
+    """Return a ``sensor_msgs/BatteryState`` of which nothing but the share that is left, from 0 to 1, is known."""
+    writer = CdrWriter()
+    _header(writer, nanoseconds, frame)
+    writer.fixed(np.append(np.full(6, np.nan), share), np.float32)
+    for number in (DISCHARGING, UNKNOWN_HEALTH, UNKNOWN_TECHNOLOGY, True):
+        writer.number("<B", number)
+    for _ in range(2):
+        writer.number("<I", 0)  # cells
+    for _ in range(2):
+        writer.text("")
     return writer.data()
 
 

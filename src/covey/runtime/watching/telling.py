@@ -194,6 +194,7 @@ class TeamTeller(Teller):
         self._gone: set[int] = set()
         self._activity = np.full(m, Activity.IDLE, dtype=np.uint8)
         self._heard = np.full(m, np.nan)
+        self._battery = np.full(m, np.nan)
         self._acts = 0  # since the last Health
         self._healthy_at = self._look_at = -math.inf
         team.onlooker = self
@@ -208,6 +209,7 @@ class TeamTeller(Teller):
             self._altitudes = np.append(self._altitudes, np.zeros(new))
             self._activity = np.append(self._activity, np.full(new, Activity.IDLE, dtype=np.uint8))
             self._heard = np.append(self._heard, np.full(new, np.nan))
+            self._battery = np.append(self._battery, np.full(new, np.nan))
         self.tell(scene)
         self.state(self._state())
 
@@ -276,9 +278,11 @@ class TeamTeller(Teller):
         objects_W: NDArray[np.float64],
         score_flown: float,
         separation: float,
+        battery: NDArray[np.float64],
     ) -> None:
         """Tell where vehicles are, `state` having columns as in `covey.flight.layout`, and how they are."""
         now = self._clock()
+        self._battery = battery.copy()
         poses = np.concatenate([state[:, P : P + 3], state[:, QUAT : QUAT + 4]], axis=1)
         velocities, rates = state[:, V : V + 3].copy(), state[:, OMEGA : OMEGA + 3].copy()
         self.tell(Motion(now, poses, velocities, rates, objects_W.copy(), score_flown, separation))
@@ -353,9 +357,8 @@ class TeamTeller(Teller):
     def _tell_health(self) -> None:
         self._acts = 0
         self._healthy_at = now = self._clock()
-        unknown = np.full(len(self._names), np.nan)
         link = np.full(len(self._names), 1.0 - self._team.bus.loss)
-        self.tell(Health(now, self._activity.copy(), unknown, link, self._heard.copy()))
+        self.tell(Health(now, self._activity.copy(), self._battery.copy(), link, self._heard.copy()))
 
     def _poses(self) -> NDArray[np.float64]:
         return pose_rows(self._team.poses, self._altitudes)
