@@ -7,8 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from covey.compiled import kernel
 from covey.flight.layout import ROTORS, STATE
 from covey.flight.parameters import VehicleParameters
+
+Array = NDArray[np.float64]
 
 
 class Batteries:
@@ -41,11 +44,22 @@ class Batteries:
     """
 
     def __init__(self, vehicles: Sequence[VehicleParameters]) -> None:
-        self._hover_speeds = np.array([[vehicle.hover_speed] for vehicle in vehicles])
+        self._hover_speeds = np.array([vehicle.hover_speed for vehicle in vehicles])
         self._endurances = np.array([vehicle.endurance for vehicle in vehicles])
-        self.shares: NDArray[np.float64] = np.where(np.isnan(self._endurances), np.nan, 1.0)
+        self.shares: Array = np.where(np.isnan(self._endurances), np.nan, 1.0)
 
-    def drain(self, states: NDArray[np.float64], duration: float) -> None:
+    def drain(self, states: Array, duration: float) -> None:
         """Take away what rotors at the speeds of `states`, shape (n, STATE), use in so many seconds."""
-        power = ((states[:, ROTORS:STATE] / self._hover_speeds) ** 3).mean(axis=1)
-        self.shares = np.maximum(self.shares - duration * power / self._endurances, 0.0)
+        _drain(states, self._hover_speeds, duration / self._endurances, self.shares)
+
+
+@kernel
+def _drain(states: Array, hover_speeds: Array, spent: Array, shares: Array) -> None:
+    """Take `spent`, what hovering takes, times each vehicle's power over that in hover, from the shares."""
+    for i in range(states.shape[0]):
+        power = 0.0
+        for k in range(ROTORS, STATE):
+            ratio = states[i, k] / hover_speeds[i]
+            power += 0.25 * ratio * ratio * ratio
+        left = shares[i] - spent[i] * power
+        shares[i] = 0.0 if left < 0.0 else left  # NaN stays

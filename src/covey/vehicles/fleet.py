@@ -164,7 +164,7 @@ class Fleet:
     @property
     def battery(self) -> NDArray[np.float64]:
         """Share that is left of each vehicle's battery, shape (n,); NaN where unknown, as without rotors."""
-        return np.full(self.n, np.nan) if self.kind is Kind.KINEMATIC else self._batteries.shares
+        return np.full(self.n, np.nan) if self.kind is Kind.KINEMATIC else self._batteries.shares.copy()
 
     @property
     def tracking_rms(self) -> float:

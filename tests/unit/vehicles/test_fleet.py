@@ -50,7 +50,7 @@ def test_hovering_takes_its_share_of_the_battery_and_standing_takes_none() -> No
     fleet = make()
     fleet.go_to(0, (0.0, 0.0, 1.5), 0.0)
     assert fleet.run(lambda: fleet.reached(0), 20.0)
-    before = fleet.battery.copy()
+    before = fleet.battery
     fleet.run(lambda: False, 10.0)
     used = before - fleet.battery
     assert used[0] == pytest.approx(10.0 / IRIS.endurance, rel=0.01)

@@ -282,7 +282,7 @@ class TeamTeller(Teller):
     ) -> None:
         """Tell where vehicles are, `state` having columns as in `covey.flight.layout`, and how they are."""
         now = self._clock()
-        self._battery = battery.copy()
+        self._battery = battery
         poses = np.concatenate([state[:, P : P + 3], state[:, QUAT : QUAT + 4]], axis=1)
         velocities, rates = state[:, V : V + 3].copy(), state[:, OMEGA : OMEGA + 3].copy()
         self.tell(Motion(now, poses, velocities, rates, objects_W.copy(), score_flown, separation))
