@@ -88,7 +88,7 @@ def launch(
 
       covey launch scene.yaml --observe --connect tcp/192.0.2.10:7447
     """
-    from covey.errors import InputError, OutputError
+    from covey.errors import ArgumentError, InputError, OutputError
     from covey.mission import load_mission
     from covey.runtime.airspace import check_processes
 
@@ -109,7 +109,12 @@ def launch(
     if observe and (kill or restart):
         raise InputError("--observe: expected neither --kill nor --restart with it; an observer changes nothing")
     if observe:
-        plan = plan.joined(connect=tuple(connect or ()))
+        if not (connect or plan.options.connect or plan.options.multicast):
+            raise InputError("--observe: expected --connect with it, or a network file that says where agents are")
+        try:
+            plan = plan.joined(connect=tuple(connect or ()))
+        except ArgumentError as error:
+            raise InputError(str(error)) from None
     blows = tuple(_kill(text, loaded) for text in kill or ())
     target = default_directory(f"{loaded.name}-launched", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
@@ -172,7 +177,7 @@ def launch(
             print_summary(deployment, target if failure is None else None)
         if failure is None and not interruption.noted:
             shown.stay()
-    _tell(outcome, quiet=quiet or json)
+    _tell(outcome, observe=observe, quiet=quiet or json)
     if failure is not None:
         raise failure
     _leave(deployment, target, interrupted=interruption.noted)
@@ -193,7 +198,7 @@ def _kill(text: str, mission: Mission) -> Blow:
     return Blow(names.index(name), after)
 
 
-def _tell(outcome: LaunchReport, *, quiet: bool) -> None:
+def _tell(outcome: LaunchReport, *, observe: bool, quiet: bool) -> None:
     """Say who died, and what came from strangers."""
     for one in outcome.exits:
         if one.wanted and one.code in (0, INTERRUPTED):
@@ -210,6 +215,10 @@ def _tell(outcome: LaunchReport, *, quiet: bool) -> None:
         counts = ", ".join(f"{count} ({why})" for why, count in outcome.refused.items())
         typer.echo(f"covey: connections refused: {counts}", err=True)
     if not quiet:
+        if outcome.start_s is None or outcome.settle_s is None:
+            hint = "; do they have this mission file and seed?" if observe else ""
+            typer.echo(f"covey: not all agents were heard{hint}", err=True)
+            return
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"
         typer.echo(
             f"covey: all agents were there after {outcome.start_s:.1f} s, and through {outcome.settle_s:.1f} s later"

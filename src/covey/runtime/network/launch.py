@@ -109,8 +109,9 @@ class LaunchReport:
         Connections that the agents did not let in, by what was wrong with the certificate.
     longest_unowned : float
         No landmark was without a living owner for longer, seconds.
-    start_s, settle_s : float
-        Seconds from the launch until all agents were heard, and from then until the mission was over.
+    start_s, settle_s : float or None
+        Seconds from the launch until all agents were heard, and from then until the mission was over; None if they
+        never were.
     """
 
     settled: bool
@@ -119,8 +120,8 @@ class LaunchReport:
     dropped: dict[str, int]
     refused: dict[str, int]
     longest_unowned: float
-    start_s: float
-    settle_s: float
+    start_s: float | None
+    settle_s: float | None
 
     @property
     def died(self) -> tuple[Exit, ...]:
@@ -261,7 +262,7 @@ class _Launch:
                 self._release()
             else:
                 self._interrupt()
-        start = self._all_there if self._all_there is not None else float("nan")
+        start = self._all_there
         deployment = self._deployment(observer, settled=settled, start=start, end=over_at)
         report = LaunchReport(
             settled=settled,
@@ -270,8 +271,8 @@ class _Launch:
             dropped={cause.value: count for cause, count in observer.dropped.items()},
             refused=dict(self._refused),
             longest_unowned=observer.longest_unowned,
-            start_s=round(start, 3),
-            settle_s=round(over_at - start, 3),
+            start_s=None if start is None else round(start, 3),
+            settle_s=None if start is None else round(over_at - start, 3),
         )
         return deployment, report
 
@@ -335,9 +336,12 @@ class _Launch:
                 self._all_there = self._time
             view = observer.team
             stage = "starting" if self._all_there is None else "trading"
+            if self._path is None and len(living) < len(self._names):  # they may have gone, or never come
+                stage += f", {len(living)} of {len(self._names)} agents heard"
             self._on_progress(Progress(stage, view.score, view.trades))
-            if self._time >= self._calm_at and self._is_complete(observer) and observer.over:
-                return observer.settle()
+            # Between the two questions somebody may fall silent: then it is not over after all.
+            if self._time >= self._calm_at and self._is_complete(observer) and observer.over and observer.settle():
+                return True
         return False
 
     def _is_complete(self, observer: Observer) -> bool:
@@ -406,7 +410,7 @@ class _Launch:
 
     # What came out.
 
-    def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
+    def _deployment(self, observer: Observer, *, settled: bool, start: float | None, end: float) -> Deployment:
         view = observer.team
         mission = view.present()
         poses, sets = tuple(view.poses), view.sets()
@@ -417,8 +421,8 @@ class _Launch:
             models = view.present_models()
             proofs = prove_poses(mission, models, poses, sets, range(len(sets)), seed=mission.seed)
             certificate = build_certificate(mission, models, poses, sets, proofs)
-        timing = {"start": start, "trading": end - start, "proof": time.monotonic() - proved}
-        known = {name: seconds for name, seconds in timing.items() if seconds == seconds}
+        timing = {} if start is None else {"start": start, "trading": end - start}
+        timing["proof"] = time.monotonic() - proved
         optimizations = sum(report["optimizations"] for report in self._reports)
         return Deployment(
             mission=mission,
@@ -435,5 +439,5 @@ class _Launch:
             certificate=certificate,
             software=dict(software_versions()),
             snapshots=view.finish(),
-            timing_s=known | {"total": sum(known.values())},
+            timing_s=timing | {"total": sum(timing.values())},
         )
