@@ -216,7 +216,7 @@ def _tell(outcome: LaunchReport, *, observe: bool, quiet: bool) -> None:
         typer.echo(f"covey: connections refused: {counts}", err=True)
     if not quiet:
         if outcome.start_s is None or outcome.settle_s is None:
-            hint = "; do they have this mission file and seed?" if observe else ""
+            hint = "; do they have this mission file and seed?" if observe and not outcome.settled else ""
             typer.echo(f"covey: not all agents were heard{hint}", err=True)
             return
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"

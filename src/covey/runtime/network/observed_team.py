@@ -118,7 +118,8 @@ class ObservedTeam:
         self._living = frozenset(living)
 
     def settle(self, owner: NDArray[np.int64], poses: Mapping[int, Pose2]) -> None:
-        """Put what the team has agreed on in the place of what events told."""
+        """Put what the team has agreed on in the place of what events told: who does not speak now is dead."""
+        self._buried |= set(range(len(self.poses))) - self._living
         self.owner = owner.copy()
         for agent, pose in poses.items():
             self.poses[agent] = pose
