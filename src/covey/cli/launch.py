@@ -77,7 +77,7 @@ def launch(
     `covey plan` writes, and launch.json: who died and how, what was dropped from strangers, how long it took. Ctrl-C
     is passed on to the agents, and what is known by then is kept. With --view a page in the browser shows it live.
 
-    Exit code: 0 the deployment is proved, 1 it is not, or the mission did not settle in time, 2 bad input, no network
+    Exit code: 0 the deployment is proved, 1 it is not, or the mission did not settle, 2 bad input, no network
     or the result cannot be written, 3 an optimiser failed, 130 Ctrl-C.
 
     [bold]Examples[/bold]
@@ -220,9 +220,10 @@ def _tell(outcome: LaunchReport, *, observe: bool, quiet: bool) -> None:
             typer.echo(f"covey: not all agents were heard{hint}", err=True)
             return
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"
+        killed = outcome.died or any(one.wanted and one.code < 0 for one in outcome.exits)
         typer.echo(
-            f"covey: all agents were there after {outcome.start_s:.1f} s, and through {outcome.settle_s:.1f} s later"
-            f"{unowned if outcome.died or any(one.wanted and one.code < 0 for one in outcome.exits) else ''}",
+            f"covey: all agents were there after {outcome.start_s:.1f} s, and {'through' if outcome.settled else 'ended'}"
+            f" {outcome.settle_s:.1f} s later{unowned if killed and outcome.settled else ''}",
             err=True,
         )
 
@@ -233,7 +234,7 @@ def _leave(deployment: Deployment, target: Path, *, interrupted: bool) -> None:
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
         raise typer.Exit(INTERRUPTED)
     if certificate is None:
-        typer.echo(f"covey: the mission did not settle in time; what was known by then is in {target}", err=True)
+        typer.echo(f"covey: the mission did not settle; what was known by then is in {target}", err=True)
         raise typer.Exit(VIOLATED)
     if not certificate.holds:
         count = len(certificate.violations)

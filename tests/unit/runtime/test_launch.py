@@ -270,6 +270,16 @@ def test_when_time_is_up_what_is_known_is_kept(path: Path) -> None:
     assert math.isfinite(deployment.score.final)
 
 
+def test_when_all_have_died_nobody_is_waited_for(path: Path) -> None:
+    blows = tuple(Blow(agent, 0.0) for agent in range(3))
+    deployment, report = launch(load_mission(path), path, LaunchOptions(blows=blows, timeout=LONGEST))
+    assert [one.code for one in report.exits] == [-signal.SIGKILL] * 3
+    assert not report.settled
+    assert deployment.status is PlanStatus.INTERRUPTED
+    assert report.settle_s is not None
+    assert report.settle_s < LONGEST / 2, "it waited until its time was up"
+
+
 # The command.
 
 

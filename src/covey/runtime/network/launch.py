@@ -197,7 +197,8 @@ def launch(
     Returns
     -------
     Deployment, LaunchReport
-        After Ctrl-C (KeyboardInterrupt) or the time-out what is known by then, with status INTERRUPTED.
+        After Ctrl-C (KeyboardInterrupt), the time-out or the death of all agents what is known by then, with status
+        INTERRUPTED.
 
     Raises
     ------
@@ -258,6 +259,7 @@ class _Launch:
             with contextlib.suppress(KeyboardInterrupt):
                 settled = self._watch(observer, endpoints, state)
             over_at = self._time
+            longest_unowned = max(observer.longest_unowned, observer.unowned())
             if settled:
                 self._release()
             else:
@@ -270,7 +272,7 @@ class _Launch:
             agents=tuple(self._reports),
             dropped={cause.value: count for cause, count in observer.dropped.items()},
             refused=dict(self._refused),
-            longest_unowned=observer.longest_unowned,
+            longest_unowned=longest_unowned,
             start_s=None if start is None else round(start, 3),
             settle_s=None if start is None else round(over_at - start, 3),
         )
@@ -342,6 +344,8 @@ class _Launch:
             # Between the two questions somebody may fall silent: then it is not over after all.
             if self._time >= self._calm_at and self._is_complete(observer) and observer.over and observer.settle():
                 return True
+            if self._path is not None and not self._children and not self._restarts:
+                return False  # nobody is left who could end it
         return False
 
     def _is_complete(self, observer: Observer) -> bool:
