@@ -221,9 +221,10 @@ def _tell(outcome: LaunchReport, *, observe: bool, quiet: bool) -> None:
             return
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"
         killed = outcome.died or any(one.wanted and one.code < 0 for one in outcome.exits)
+        end = "through" if outcome.settled else "ended"
         typer.echo(
-            f"covey: all agents were there after {outcome.start_s:.1f} s, and {'through' if outcome.settled else 'ended'}"
-            f" {outcome.settle_s:.1f} s later{unowned if killed and outcome.settled else ''}",
+            f"covey: all agents were there after {outcome.start_s:.1f} s, and {end} {outcome.settle_s:.1f} s later"
+            f"{unowned if killed and outcome.settled else ''}",
             err=True,
         )
 
