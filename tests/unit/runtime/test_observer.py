@@ -161,6 +161,7 @@ def test_an_owner_that_does_not_speak_keeps_the_mission_open(
     observer: Observer, wire: Wire, mission: Mission, owners: list[int], life: int
 ) -> None:
     """Agent 2 is silent, or agent 1 is in another life than the map says."""
+    wire.now = DEAD_AFTER
     known, digest = map_of(0, records_of(mission, owners), mission)
     wire.said = [beat(0, 1, digest), beat(1, 1, digest, life=life), known]
     observer.step(0.1)
@@ -181,6 +182,22 @@ def test_who_is_silent_is_left_out(observer: Observer, wire: Wire, mission: Miss
     observer.step(1.0)
     assert set(observer.living) == {0, 1}
     assert observer.over
+
+
+def test_who_died_before_the_observer_came_is_dead_for_it(observer: Observer, wire: Wire, mission: Mission) -> None:
+    """It has heard neither of the death nor of who is gone, and must not take who is slow to speak for dead."""
+    known, digest = map_of(0, records_of(mission, [0, 1]), mission)
+    wire.said = [*(beat(agent, 1, digest) for agent in (0, 1)), known]
+    observer.step(0.1)
+    assert not observer.over
+    wire.now = DEAD_AFTER
+    wire.said = [beat(agent, 2, digest) for agent in (0, 1)]
+    observer.step(0.1)
+    assert observer.over
+    assert observer.settle()
+    assert observer.team.dead == {2}
+    agents = observer.team.standing().mission.agents
+    assert [agent.sensor.model for agent in agents] == ["anisotropic", "anisotropic", "blind"]
 
 
 def test_how_long_a_landmark_had_no_owner(observer: Observer, wire: Wire, mission: Mission) -> None:
