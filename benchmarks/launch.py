@@ -26,6 +26,8 @@ def run(quick: bool) -> dict[str, Any]:
         before = _cpu()
         deployment, report = launch(load_mission(MISSION, seed=seed), MISSION, LaunchOptions(timeout=300.0))
         cpu.append(_cpu() - before)
+        if report.start_s is None or report.settle_s is None:
+            raise RuntimeError(f"seed {seed}: not all agents were heard")
         starts.append(report.start_s)
         settles.append(report.settle_s)
         scores.append(deployment.score.final)

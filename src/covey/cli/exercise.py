@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from covey.cli.interrupt import INTERRUPTED, Interruption
+from covey.cli.view import live
 
 if TYPE_CHECKING:
     from covey.runtime.exercise import ExerciseResult
@@ -29,35 +30,61 @@ def fly_exercise_file(
     json: bool,
     quiet: bool,
     force: bool,
+    view: bool,
+    host: str,
+    port: int,
+    open_page: bool,
 ) -> None:
-    """Fly the exercise of a file, write it into a directory, and say how it went."""
+    """Fly the exercise of a file, write it into a directory, and say how it went; in real time if it is shown."""
     from covey.mission.exercise import load_exercise
 
     exercise = load_exercise(path, seed=seed)
 
     from covey.cli.progress import ProgressLine
+    from covey.cli.recording import Recording
+    from covey.errors import OutputError
     from covey.runtime.exercise import fly_exercise
     from covey.runtime.records.record import default_directory
     from covey.runtime.records.sortie_record import check_exercise_target, exercise_text, film_exercise, write_exercise
 
     target = default_directory(exercise.name, exercise.seed) if out is None else out
     check_exercise_target(target, overwrite=force)
-    with Interruption() as interruption, ProgressLine(quiet=quiet) as progress:
+    failure: OutputError | None = None
+    with live(view, mission=None, host=host, port=port, open_page=open_page) as shown:
+        with (
+            Interruption() as interruption,
+            Recording(target, quiet=quiet) as recording,
+            ProgressLine(quiet=quiet) as progress,
+        ):
 
-        def report(news: Progress) -> None:
-            interruption.check()
-            progress(news)
+            def report(news: Progress) -> None:
+                interruption.check()
+                progress(news)
 
-        result = fly_exercise(exercise, simulator=vehicles, realtime=realtime, on_progress=report)
-        write_exercise(result, target, overwrite=force)
-        filmed = False
-        if film:
-            with suppress(KeyboardInterrupt):  # all else is there
-                filmed = film_exercise(result, target, on_progress=report) is not None
-    if json:
-        typer.echo(exercise_text(result), nl=False)
-    elif not quiet:
-        _show(result, target)
+            result = fly_exercise(
+                exercise,
+                simulator=vehicles,
+                realtime=realtime or view,
+                on_progress=report,
+                watch=shown.watch_with(recording.recorder),
+            )
+            try:
+                write_exercise(result, target, overwrite=force)
+                recording.keep()
+            except OutputError as error:  # what was flown must not be lost with it
+                failure = recording.lost(error)
+            filmed = False
+            if film and failure is None:
+                with suppress(KeyboardInterrupt):  # all else is there
+                    filmed = film_exercise(result, target, on_progress=report) is not None
+        if failure is not None:
+            raise failure
+        if json:
+            typer.echo(exercise_text(result), nl=False)
+        elif not quiet:
+            _show(result, target)
+        if not interruption.noted:
+            shown.stay()
     if result.interrupted:
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
         raise typer.Exit(INTERRUPTED)
@@ -71,7 +98,7 @@ def fly_exercise_file(
 
 def _show(result: ExerciseResult, target: Path) -> None:
     from covey.cli.summary import factor_text, length_text, printable
-    from covey.runtime.records.record import FLIGHT_FILES, RESULT
+    from covey.runtime.records.record import FLIGHT_FILES, RECORD, RESULT
 
     summary = result.summary
     least = summary["min_separation_m"]
@@ -90,6 +117,6 @@ def _show(result: ExerciseResult, target: Path) -> None:
         for event in summary["events"]
         if event["event"] != "reached"
     ]
-    names = [name for name in (*FLIGHT_FILES, RESULT) if (target / name).exists()]
+    names = [name for name in (*FLIGHT_FILES, RECORD, RESULT) if (target / name).exists()]
     lines.append(f"Files     {target}: {', '.join(names)}")
     typer.echo("\n".join(lines))

@@ -78,8 +78,8 @@ def fly(
     if is_exercise(mission):
         from covey.cli.exercise import fly_exercise_file
 
-        if view:
-            raise typer.BadParameter("an exercise has no landmarks to show; it takes a mission", param_hint="--view")
+        if speed is not None:
+            raise typer.BadParameter("an exercise is shown in real time", param_hint="--speed")
         fly_exercise_file(
             mission,
             vehicles=vehicles,
@@ -90,6 +90,10 @@ def fly(
             json=json,
             quiet=quiet,
             force=force,
+            view=view,
+            host=host,
+            port=port,
+            open_page=open_page,
         )
         return
 

@@ -104,6 +104,7 @@ def _print(found: dict[str, Any]) -> None:
     from rich.text import Text
 
     from covey.cli.summary import printable
+    from covey.runtime.watching.feed import NO_TRADE
 
     console = Console(highlight=False)
     whole = "CUT" if not found["complete"] else "DAMAGED" if found["problems"] else "complete"
@@ -111,17 +112,26 @@ def _print(found: dict[str, Any]) -> None:
     proof = {None: "none", True: "the certificate holds", False: "the certificate is VIOLATED"}
     score = found["score"]
     start = "?" if score["start"] is None else f"{score['start']:.2f}"
+    exercise = found["trade"] == NO_TRADE
+    if exercise:
+        what = ("Exercise", f"{found['mission']}, seed {found['seed']}")
+    else:
+        what = (
+            "Mission",
+            f"{found['mission']}, seed {found['seed']}, sigma {found['sigma']:g}, trade {found['trade']}",
+        )
     lines = [
         ("Record", f"{found['file']}: {found['bytes'] / 1e6:.2f} MB, {whole}"),
         *(("", problem) for problem in found["problems"]),
-        ("Mission", f"{found['mission']}, seed {found['seed']}, sigma {found['sigma']:g}, trade {found['trade']}"),
+        what,
         (
             "Run",
             f"{found['run']} of {found['duration_s']:.3g} s, begun {found['started'] or 'at an unknown time'}; {ended}",
         ),
-        ("Score", f"{start} (start), {score['end']:.2f} (end), {found['trades']} trades"),
-        ("Proof", proof[found["certificate_holds"]]),
     ]
+    if not exercise:
+        lines.append(("Score", f"{start} (start), {score['end']:.2f} (end), {found['trades']} trades"))
+        lines.append(("Proof", proof[found["certificate_holds"]]))
     if found["bound"] is not None:
         lines.append(("Bound", f"no deployment of this team exceeds {found['bound']:.2f}"))
     lines.append(("Software", ", ".join(f"{name} {version}" for name, version in found["software"].items())))
@@ -135,8 +145,9 @@ def _print(found: dict[str, Any]) -> None:
     for agent in found["agents"][:LISTED]:
         row = (printable(agent["name"]), agent["sensor"], str(agent["landmarks"]), f"{agent['score']:.2f}")
         agents.add_row(*(Text(cell) for cell in row))
-    console.print(agents)
-    if len(found["agents"]) > LISTED:
+    if not exercise:
+        console.print(agents)
+    if not exercise and len(found["agents"]) > LISTED:
         console.print(Text(f"and {len(found['agents']) - LISTED} more, see --json", style="dim"))
     topics = Table(box=None, pad_edge=False)
     topics.add_column("topic")

@@ -77,7 +77,7 @@ def launch(
     `covey plan` writes, and launch.json: who died and how, what was dropped from strangers, how long it took. Ctrl-C
     is passed on to the agents, and what is known by then is kept. With --view a page in the browser shows it live.
 
-    Exit code: 0 the deployment is proved, 1 it is not, or the mission did not settle in time, 2 bad input, no network
+    Exit code: 0 the deployment is proved, 1 it is not, or the mission did not settle, 2 bad input, no network
     or the result cannot be written, 3 an optimiser failed, 130 Ctrl-C.
 
     [bold]Examples[/bold]
@@ -88,7 +88,7 @@ def launch(
 
       covey launch scene.yaml --observe --connect tcp/192.0.2.10:7447
     """
-    from covey.errors import InputError, OutputError
+    from covey.errors import ArgumentError, InputError, OutputError
     from covey.mission import load_mission
     from covey.runtime.airspace import check_processes
 
@@ -110,7 +110,12 @@ def launch(
     if observe and (kill or restart):
         raise InputError("--observe: expected neither --kill nor --restart with it; an observer changes nothing")
     if observe:
-        plan = plan.joined(connect=tuple(connect or ()))
+        if not (connect or plan.options.connect or plan.options.multicast):
+            raise InputError("--observe: expected --connect with it, or a network file that says where agents are")
+        try:
+            plan = plan.joined(connect=tuple(connect or ()))
+        except ArgumentError as error:
+            raise InputError(str(error)) from None
     blows = tuple(_kill(text, loaded) for text in kill or ())
     target = default_directory(f"{loaded.name}-launched", loaded.seed) if out is None else out
     check_result_target(target, overwrite=force)
@@ -178,7 +183,7 @@ def launch(
             print_summary(deployment, target if failure is None else None)
         if failure is None and not interruption.noted:
             shown.stay()
-    _tell(outcome, quiet=quiet or json)
+    _tell(outcome, observe=observe, quiet=quiet or json)
     if failure is not None:
         raise failure
     _leave(deployment, target, interrupted=interruption.noted)
@@ -199,7 +204,7 @@ def _kill(text: str, mission: Mission) -> Blow:
     return Blow(names.index(name), after)
 
 
-def _tell(outcome: LaunchReport, *, quiet: bool) -> None:
+def _tell(outcome: LaunchReport, *, observe: bool, quiet: bool) -> None:
     """Say who died, and what came from strangers."""
     for one in outcome.exits:
         if one.wanted and one.code in (0, INTERRUPTED):
@@ -216,10 +221,16 @@ def _tell(outcome: LaunchReport, *, quiet: bool) -> None:
         counts = ", ".join(f"{count} ({why})" for why, count in outcome.refused.items())
         typer.echo(f"covey: connections refused: {counts}", err=True)
     if not quiet:
+        if outcome.start_s is None or outcome.settle_s is None:
+            hint = "; do they have this mission file and seed?" if observe and not outcome.settled else ""
+            typer.echo(f"covey: not all agents were heard{hint}", err=True)
+            return
         unowned = f"; no landmark without an owner for longer than {outcome.longest_unowned:.1f} s"
+        killed = outcome.died or any(one.wanted and one.code < 0 for one in outcome.exits)
+        end = "through" if outcome.settled else "ended"
         typer.echo(
-            f"covey: all agents were there after {outcome.start_s:.1f} s, and through {outcome.settle_s:.1f} s later"
-            f"{unowned if outcome.died or any(one.wanted and one.code < 0 for one in outcome.exits) else ''}",
+            f"covey: all agents were there after {outcome.start_s:.1f} s, and {end} {outcome.settle_s:.1f} s later"
+            f"{unowned if killed and outcome.settled else ''}",
             err=True,
         )
 
@@ -230,7 +241,7 @@ def _leave(deployment: Deployment, target: Path, *, interrupted: bool) -> None:
         typer.echo(f"covey: interrupted; what was known by then is in {target}", err=True)
         raise typer.Exit(INTERRUPTED)
     if certificate is None:
-        typer.echo(f"covey: the mission did not settle in time; what was known by then is in {target}", err=True)
+        typer.echo(f"covey: the mission did not settle; what was known by then is in {target}", err=True)
         raise typer.Exit(VIOLATED)
     if not certificate.holds:
         count = len(certificate.violations)

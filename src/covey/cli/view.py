@@ -90,7 +90,7 @@ class Live:
 def live(
     view: bool,
     *,
-    mission: Mission,
+    mission: Mission | None,
     host: str,
     port: int,
     open_page: bool,
@@ -104,7 +104,8 @@ def live(
     ----------
     view : bool
         Whether it is.
-    mission : Mission
+    mission : Mission or None
+        None for an exercise, in which nobody sees anything.
     host, port, open_page, speed
         The options.
     usual : float or None
@@ -130,7 +131,7 @@ def live(
 
     if usual is not None:
         steering = Steering(speed=usual if speed is None else speed)
-    eyes = eyes_of(mission)
+    eyes = None if mission is None else eyes_of(mission)
     with serve_page(host=host, port=port, open_page=open_page, steering=steering, seen_by=eyes) as server:
         yield Live(server.watch, steering, eyes)
 

@@ -83,19 +83,23 @@ class Isolation:
     ----------
     step : int
         It begins when the agent is next in the state at or after this step.
-    agent : int
+    agent : int or None
+        None for whoever is in the state first.
     lock : Lock
     lasts : float
-        Seconds.
+        Seconds, at most.
     both_ways : bool
         Otherwise it still hears.
+    while_locked : bool
+        It ends as soon as the agent has left that state, so perhaps when it alone has declared its partner dead.
     """
 
     step: int
-    agent: int
+    agent: int | None
     lock: Lock
     lasts: float
     both_ways: bool
+    while_locked: bool = False
 
 
 Fault: TypeAlias = Crash | Cut | Isolation
@@ -238,8 +242,9 @@ def draw(seed: int) -> Scenario:
         calm_after=calm_after,
         steps=int(rng.integers(100, 1200)),
     )
-    faults = (*scenario.faults, *(() if healthy else _draw_lost_commits(np.random.default_rng([seed, 4]), scenario)))
-    return replace(scenario, faults=faults, changes=_draw_changes(np.random.default_rng([seed, 2]), scenario))
+    if not healthy:
+        scenario = _with_lost_commits(np.random.default_rng([seed, 4]), scenario)
+    return replace(scenario, changes=_draw_changes(np.random.default_rng([seed, 2]), scenario))
 
 
 def _draw_options(rng: np.random.Generator, spread: float, membership: MembershipOptions) -> NodeOptions:
@@ -287,12 +292,18 @@ def _draw_faults(
     return tuple(faults)
 
 
-def _draw_lost_commits(rng: np.random.Generator, scenario: Scenario) -> Iterator[Isolation]:
-    """Draw clients that are cut off when they commit, until about when one of the two declares the other dead."""
-    options = scenario.membership
-    for _ in range(int(rng.choice([0, 0, 1, 3]))):
+def _with_lost_commits(rng: np.random.Generator, scenario: Scenario) -> Scenario:
+    """Add clients that are cut off when they commit, until about when one of the two declares the other dead.
+
+    Their clocks run apart, or both would do so at once.
+    """
+    options, faults = scenario.membership, list(scenario.faults)
+    for _ in range(int(rng.choice([0, 1, 1, 3]))):
         lasts = options.dead_after + float(rng.uniform(0.0, 1.5)) * options.heartbeat_every
-        yield Isolation(int(rng.integers(60)), int(rng.integers(scenario.agents)), Lock.CLIENT_DONE, lasts, True)
+        step, while_locked = int(rng.integers(60)), bool(rng.random() < 0.8)
+        faults.append(Isolation(step, None, Lock.CLIENT_DONE, lasts, True, while_locked))
+    skew = scenario.skew if len(faults) == len(scenario.faults) else 0.2
+    return replace(scenario, faults=tuple(faults), skew=skew)
 
 
 def _draw_changes(rng: np.random.Generator, scenario: Scenario) -> tuple[Alteration, ...]:

@@ -6,7 +6,7 @@ import heapq
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -29,6 +29,7 @@ from covey.protocol import (
     GoTo,
     LandmarkRecords,
     LandmarksAdopted,
+    Lock,
     Message,
     Node,
     Output,
@@ -192,6 +193,7 @@ class Simulation:
         self._checker = Checker(self._planner, self.nodes)
         self._memories = {agent: one.memory() for agent, one in self.nodes.items()}
         self._crashes = sorted((f for f in scenario.faults if isinstance(f, Crash)), key=lambda crash: crash.step)
+        self._lonely: dict[int, tuple[Lock, Cut]] = {}  # what cuts agents off while they are in a state
         self._isolations = [fault for fault in scenario.faults if isinstance(fault, Isolation)]
         self._cuts = [fault for fault in scenario.faults if isinstance(fault, Cut)]
         self._now = 0.0
@@ -264,7 +266,7 @@ class Simulation:
         match item:
             case _Restart():
                 self._restart(item)
-            case _Delivery() if self._is_cut(item.sender, item.to):
+            case _Delivery() if any(cut.loses(self._now, item.sender, item.to) for cut in self._cuts):
                 self.coverage["cut"] += 1
             case _Delivery():
                 self._deliver(item)
@@ -384,14 +386,22 @@ class Simulation:
         return None
 
     def _isolate(self, agent: int) -> None:
-        """Begin what is due for an agent in a trade."""
+        """Begin what is due for an agent in a trade, and end what lasted while it was in one."""
+        lock = self.nodes[agent].lock
+        while_in, cut = self._lonely.get(agent, (lock, None))
+        if cut is not None and lock is not while_in:
+            del self._lonely[agent]
+            self._cuts[self._cuts.index(cut)] = replace(cut, until=min(cut.until, self._now))
+            self._say(f"agent {agent} is cut off no more")
         for isolation in self._isolations:
-            due = isolation.step <= self.steps and isolation.lock is self.nodes[agent].lock
-            if isolation.agent == agent and due and not self._calm:
+            due = isolation.step <= self.steps and isolation.lock is lock
+            if isolation.agent in (None, agent) and due and not self._calm:
                 self._isolations.remove(isolation)
                 others = frozenset(range(self.scenario.agents)) - {agent}
                 until = min(self._now + isolation.lasts, self.scenario.calm_after)
                 self._cuts.append(Cut(self._now, until, frozenset({agent}), others, isolation.both_ways))
+                if isolation.while_locked:
+                    self._lonely[agent] = lock, self._cuts[-1]
                 self._say(f"agent {agent} is cut off until {until:.4f} s")
                 return
 
@@ -476,9 +486,6 @@ class Simulation:
         self._act(agent, self.nodes[agent].start(self._clock(agent), self._rngs[agent]))
 
     # Time and chance.
-
-    def _is_cut(self, sender: int, to: int) -> bool:
-        return any(cut.loses(self._now, sender, to) for cut in self._cuts)
 
     def _clock(self, agent: int) -> float:
         return self._offsets[agent] + self._rates[agent] * self._now

@@ -6,12 +6,13 @@ import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
 from covey.environment.json_text import KeyPath, describe, key_text
 from covey.errors import Mistake
 from covey.mission.document import Document
-from covey.mission.schema import BRANCH, SCHEMA_VERSIONS, known_keys
+from covey.mission.schema import BRANCH, SCHEMA_VERSIONS, MissionFile, known_keys
 
 _MAX_HINTS = 200
 """Looking for near words takes time, and a report is cut long before so many."""
@@ -26,9 +27,12 @@ class Report:
         The file as the user named it.
     document : Document
         Knows the places; its own mistakes come first.
+    file : type
+        What the file should hold, so that unknown keys can be told from known ones.
     """
 
-    def __init__(self, source: str, document: Document) -> None:
+    def __init__(self, source: str, document: Document, file: type[BaseModel] = MissionFile) -> None:
+        self._file = file
         self.mistakes: list[Mistake] = list(document.mistakes)
         self._source = source
         self._document = document
@@ -62,7 +66,7 @@ class Report:
         for path, error in located:
             if error["type"] == "extra_forbidden":
                 key = str(error["loc"][-1])
-                near, hint = _suggest(path[:-1], key) if len(self.mistakes) < _MAX_HINTS else (None, "")
+                near, hint = _suggest(self._file, path[:-1], key) if len(self.mistakes) < _MAX_HINTS else (None, "")
                 if near is not None:
                     meant.add((*path[:-1], near))
                 self.add(path, f"unknown key {key[:60]!r}", hint)
@@ -106,8 +110,8 @@ def plain_path(loc: tuple[int | str, ...]) -> KeyPath:
     return tuple(part for part in loc if not (isinstance(part, str) and part.startswith(BRANCH)))
 
 
-def _suggest(parent: KeyPath, key: str) -> tuple[str | None, str]:
-    keys = known_keys()
+def _suggest(file: type[BaseModel], parent: KeyPath, key: str) -> tuple[str | None, str]:
+    keys = known_keys(file)
     parents = tuple(part if isinstance(part, str) else "[]" for part in parent)
     here = keys.get(parents, [])
     near = nearest(key, here)

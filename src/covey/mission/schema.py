@@ -341,8 +341,11 @@ def _drop_null(node: Any) -> None:
 
 
 @cache
-def known_keys() -> dict[tuple[str, ...], list[str]]:
-    """Keys known at each place, with "[]" for an index: at ("agents", "[]", "pose") they are x_m, y_m and yaw_deg."""
+def known_keys(file: type[BaseModel]) -> dict[tuple[str, ...], list[str]]:
+    """Keys known at each place of a file, with "[]" for an index.
+
+    In a mission file they are x_m, y_m and yaw_deg at ("agents", "[]", "pose").
+    """
     result: dict[tuple[str, ...], list[str]] = {}
 
     def visit(path: tuple[str, ...], annotation: Any) -> None:
@@ -355,5 +358,5 @@ def known_keys() -> dict[tuple[str, ...], list[str]]:
         for part in getattr(annotation, "__args__", ()):
             visit((*path, "[]") if getattr(annotation, "__origin__", None) is list else path, part)
 
-    visit((), MissionFile)
+    visit((), file)
     return result

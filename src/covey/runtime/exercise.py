@@ -17,8 +17,11 @@ from covey.flight.trajectories import Circle as CircleTrajectory
 from covey.flight.trajectories import Follow as FollowTrajectory
 from covey.flight.trajectories import Hold, Trajectory
 from covey.mission.exercise import Circle, Exercise, Follow, Goal
+from covey.runtime.plan import software_versions
 from covey.runtime.records.flight_document import events_document
 from covey.runtime.result import Progress
+from covey.runtime.watching.exercise_telling import ExerciseTeller
+from covey.runtime.watching.feed import Watcher
 from covey.runtime.world import build_simulator
 from covey.vehicles.fleet import CONTROL_PERIOD, Arrival, Fleet, Kind
 from covey.vehicles.flight_log import FlightLog
@@ -61,6 +64,7 @@ def fly_exercise(
     seed: int | None = None,
     realtime: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
+    watch: Watcher | None = None,
 ) -> ExerciseResult:
     """Fly an exercise.
 
@@ -75,6 +79,8 @@ def fly_exercise(
         Let it take as long as it would.
     on_progress : callable, optional
         Told twice a simulated second; its score is NaN.
+    watch : Watcher, optional
+        Called with all there is to see, when it happens: `covey.runtime.watching.feed`.
 
     Returns
     -------
@@ -88,13 +94,16 @@ def fly_exercise(
     if seed is not None:
         exercise = replace(exercise, seed=seed)
     flight = _Flight(exercise, Kind(simulator), realtime=realtime)
+    teller = None if watch is None else ExerciseTeller(watch, exercise, flight.fleet, software_versions())
     interrupted = False
     try:
-        flight.fly(on_progress)
+        flight.fly(on_progress, teller)
     except KeyboardInterrupt:
         interrupted = True
     finally:
         flight.fleet.simulator.close()
+    if teller is not None:
+        teller.end("interrupted" if interrupted else "settled")
     return ExerciseResult(exercise, flight.fleet.log(), interrupted, flight.summary())
 
 
@@ -134,7 +143,7 @@ class _Flight:
         self._reached: set[int] = set()
         self._set_tasks()
 
-    def fly(self, on_progress: Callable[[Progress], None] | None) -> None:
+    def fly(self, on_progress: Callable[[Progress], None] | None, teller: ExerciseTeller | None) -> None:
         """Fly to the end of the exercise."""
         exercise, fleet = self._exercise, self.fleet
         steps = round(exercise.duration / CONTROL_PERIOD)
@@ -146,6 +155,8 @@ class _Flight:
                 fleet.move_object(k, item.position(fleet.time))
             fleet.step()
             self._watch()
+            if teller is not None:
+                teller.update()
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the flight so far."""

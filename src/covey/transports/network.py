@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,10 @@ QUEUE = 16
 LONGEST_WAIT = 0.05
 """How long a message may wait for room in a full queue before it is dropped, seconds."""
 
+_ENDPOINT = re.compile(r"((tcp|tls|quic|udp|ws)/\S+:\d{1,5}|(unixsock-stream|unixpipe|vsock|serial)/\S+)([?#]\S*)?")
+
+_SOURCE = re.compile(r" at \S+\.rs:\d+\.?")
+"""Where in its source Zenoh found something wrong, which helps nobody."""
 
 RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 """When to try again to connect to who does not answer."""
@@ -103,8 +108,8 @@ class NetworkOptions:
     Raises
     ------
     ArgumentError
-        If a time is not above 0, an endpoint is not encrypted although there are credentials, or an access list has
-        none.
+        If a time is not above 0, an endpoint is none or is not encrypted although there are credentials, or an access
+        list has none.
     """
 
     mode: Mode = Mode.PEER
@@ -120,6 +125,9 @@ class NetworkOptions:
         for name in ("lease", "answer_timeout"):
             if not getattr(self, name) > 0.0:
                 raise ArgumentError(f"{name}: expected more than 0, got {getattr(self, name)}")
+        for endpoint in (*(self.listen or ()), *self.connect):
+            if not is_endpoint(endpoint):
+                raise ArgumentError(f"endpoints: expected {ENDPOINT}, got {endpoint!r}")
         if self.access is not None and self.credentials is None:
             raise ArgumentError("access: expected credentials too, got none; names are told by certificates")
         if self.credentials is not None:
@@ -135,6 +143,21 @@ class NetworkOptions:
         if self.listen is None:
             return ("tls/127.0.0.1:0" if self.credentials is not None else "tcp/127.0.0.1:0",)
         return self.listen
+
+
+ENDPOINT = "one such as tcp/192.0.2.10:7447"
+"""What an endpoint is, in words."""
+
+
+def is_endpoint(text: str) -> bool:
+    """Whether a text says where to listen or to connect to.
+
+    Examples
+    --------
+    >>> is_endpoint("tcp/[::1]:7447"), is_endpoint("tcp/localhost"), is_endpoint("localhost:7447")
+    (True, False, False)
+    """
+    return _ENDPOINT.fullmatch(text) is not None
 
 
 def mission_prefix(digest: bytes) -> str:
@@ -253,10 +276,16 @@ def open_session(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
     NetworkError
         If an endpoint or a file cannot be used.
     """
+    files = options.credentials
+    for path in () if files is None else (files.authority, files.certificate, files.key):
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise NetworkError(f"cannot join the network: {path}: {error.strerror}") from None
     try:
         return zenoh.open(build_config(options, digest, max_bytes=max_bytes))
     except zenoh.ZError as error:
-        raise NetworkError(f"cannot join the network: {error}") from error
+        raise NetworkError(f"cannot join the network: {_SOURCE.sub('', str(error))}") from error
 
 
 def report_refusals() -> None:
@@ -296,4 +325,14 @@ class Router:
         self._session.close()
 
 
-__all__ = ["AccessList", "Credentials", "Mode", "NetworkOptions", "Router", "open_session", "report_refusals"]
+__all__ = [
+    "ENDPOINT",
+    "AccessList",
+    "Credentials",
+    "Mode",
+    "NetworkOptions",
+    "Router",
+    "is_endpoint",
+    "open_session",
+    "report_refusals",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ from covey.runtime.exercise import ExerciseResult, fly_exercise
 from covey.runtime.reproduce.findings import Run, offset_error
 from covey.runtime.reproduce.scenes import SCENES, scene
 from covey.runtime.result import Progress
+from covey.runtime.watching.feed import NO_TRADE, Ended, Health, Motion, Scene, TeamState, Update
 from covey.vehicles.fleet import Kind
 
+HOVER = Path(__file__).parents[3] / "examples" / "exercises" / "hover.yaml"
 HEAD = "schema_version: 1\nname: t\nexercise:\n"
 ONE = """
   duration_s: {duration}
@@ -167,3 +170,28 @@ def test_scenes_are_the_examples(name: str, root: Path) -> None:
 
 def test_no_example_is_forgotten(root: Path) -> None:
     assert {path.stem for path in (root / "examples" / "exercises").glob("*.yaml")} == set(SCENES)
+
+
+def test_what_happens_is_told_to_whoever_watches() -> None:
+    told: list[Scene | Update] = []
+    exercise = replace(load_exercise(HOVER), duration=2.0)
+    result = fly_exercise(exercise, simulator="reference", watch=told.append)
+    scene, state, *rest = told
+    assert isinstance(scene, Scene)
+    assert isinstance(state, TeamState)
+    assert (scene.trade, len(scene.positions_W)) == (NO_TRADE, 0)
+    (x0, y0), (x1, y1) = scene.region[0].min(axis=0), scene.region[0].max(axis=0)
+    for item in exercise.objects:
+        assert all(x0 < x < x1 and y0 < y < y1 for x, y, _ in item.path_W)
+    motions = [item for item in rest if isinstance(item, Motion)]
+    assert motions[-1].time == result.log.time[-1] == 2.0
+    np.testing.assert_array_equal(motions[-1].poses[:, :3], result.log.state[-1][:, P : P + 3])
+    assert motions[-1].objects_W.shape == (len(exercise.objects), 3)
+    assert isinstance(rest[-1], Ended)
+    assert rest[-1].status == "settled"
+    plain = fly_exercise(exercise, simulator="reference")
+    np.testing.assert_array_equal(plain.log.state, result.log.state)  # to be watched changes nothing
+    batteries = np.array([item.battery for item in told if isinstance(item, Health)])
+    assert len(batteries) >= 3
+    assert (np.diff(batteries, axis=0) <= 0.0).all()
+    assert (batteries[-1] < batteries[0]).all()

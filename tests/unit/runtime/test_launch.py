@@ -308,6 +308,16 @@ def test_when_time_is_up_what_is_known_is_kept(path: Path) -> None:
     assert math.isfinite(deployment.score.final)
 
 
+def test_when_all_have_died_nobody_is_waited_for(path: Path) -> None:
+    blows = tuple(Blow(agent, 0.0) for agent in range(3))
+    deployment, report = launch(load_mission(path), path, LaunchOptions(blows=blows, timeout=LONGEST))
+    assert [one.code for one in report.exits] == [-signal.SIGKILL] * 3
+    assert not report.settled
+    assert deployment.status is PlanStatus.INTERRUPTED
+    assert report.settle_s is not None
+    assert report.settle_s < LONGEST / 2, "it waited until its time was up"
+
+
 # The command.
 
 
@@ -404,6 +414,20 @@ def test_agents_started_by_hand_are_watched(path: Path, capsys: pytest.CaptureFi
     assert certify(out).holds
 
 
+def test_an_observer_says_that_it_hears_nobody(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = path.parent / "watched"
+    words = ("--observe", "--connect", free_endpoint(), "--out", str(out), "--timeout", "1")
+    code, _, err = run(capsys, "launch", str(path), *words)
+    assert code == 1
+    assert "starting, 0 of 3 agents heard" in err
+    assert "covey: not all agents were heard; do they have this mission file and seed?" in err
+    assert "nan" not in err
+    text = (out / "launch.json").read_text("utf-8")
+    report = json.loads(text, parse_constant=pytest.fail)
+    assert report["start_s"] is None
+    assert report["settle_s"] is None
+
+
 def test_the_command_writes_and_prints_what_planning_does(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = path.parent / "out"
     code, printed, err = run(capsys, "launch", str(path), "--out", str(out), "--json", "--seed", "5")
@@ -434,13 +458,12 @@ def test_the_command_writes_and_prints_what_planning_does(path: Path, capsys: py
         (["launch", "FILE", "--observe", "--restart"], "--observe: expected neither"),
         (["launch", "FILE", "--network", "absent.toml"], "absent.toml"),
         (["agent", "--mission", "FILE", "--name", "pink"], "--name: expected an agent of"),
-        (
-            ["agent", "--mission", "FILE", "--name", "blue", "--listen", "nonsense"],
-            "--listen: expected an endpoint",
-        ),
-        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "tcp/nonsense"], "cannot join the network"),
-        (["playground", "FILE", "--connect", "nonsense"], "--connect: expected an endpoint, as tcp/"),
-        (["launch", "FILE", "--observe", "--connect", "nonsense"], "--connect: expected an endpoint, as tcp/"),
+        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "nonsense"], "expected one such as tcp/"),
+        (["agent", "--mission", "FILE", "--name", "blue", "--connect", "tcp/localhost"], "expected one such as tcp/"),
+        (["agent", "--mission", "FILE", "--name", "blue", "--listen", "tcp/203.0.113.1:1"], "cannot join the network"),
+        (["playground", "FILE", "--connect", "nonsense"], "expected one such as tcp/"),
+        (["launch", "FILE", "--observe"], "--observe: expected --connect with it"),
+        (["launch", "FILE", "--observe", "--connect", "nonsense"], "expected one such as tcp/"),
         (["agent", "--mission", "FILE", "--name", "blue", "--router", "tcp/a:1", "--listen", "tcp/b:1"], "--router"),
     ],
 )
@@ -456,6 +479,7 @@ def test_bad_input_is_one_error(
     assert code == 2
     assert said in err
     assert "Traceback" not in err
+    assert ".rs:" not in err
     assert not (path.parent / "covey-out").exists()
 
 

@@ -94,9 +94,12 @@ def test_a_router_in_the_file(tmp_path: Path, mission: Mission) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("lisen = []", "unknown key 'lisen'"),
+        ("lisen = []", "unknown key 'lisen' (did you mean 'listen'?)"),
+        ("colour = 3", "(known here: listen, connect, router, multicast, lease_s"),
         ('listen = "tcp/127.0.0.1:1"', "net.toml:1:1: listen: expected a list"),
-        ('listen = ["127.0.0.1"]', "listen[0]"),
+        ('listen = ["127.0.0.1"]', "listen: expected one such as tcp/192.0.2.10:7447, got '127.0.0.1'"),
+        ('connect = ["tcp/localhost"]', "connect: expected one such as tcp/192.0.2.10:7447, got 'tcp/localhost'"),
+        ('router = ""', "router: expected one such as"),
         ("lease_s = 0.0", "lease_s: expected a number above 0"),
         ("heartbeat_s = 2.0", "dead_after_s: expected at least three heartbeats, 6"),
         ("lease_s = 10.0", "dead_after_s: expected at least lease_s = 10"),

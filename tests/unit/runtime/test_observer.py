@@ -161,6 +161,7 @@ def test_an_owner_that_does_not_speak_keeps_the_mission_open(
     observer: Observer, wire: Wire, mission: Mission, owners: list[int], life: int
 ) -> None:
     """Agent 2 is silent, or agent 1 is in another life than the map says."""
+    wire.now = DEAD_AFTER
     known, digest = map_of(0, records_of(mission, owners), mission)
     wire.said = [beat(0, 1, digest), beat(1, 1, digest, life=life), known]
     observer.step(0.1)
@@ -181,6 +182,22 @@ def test_who_is_silent_is_left_out(observer: Observer, wire: Wire, mission: Miss
     observer.step(1.0)
     assert set(observer.living) == {0, 1}
     assert observer.over
+
+
+def test_who_died_before_the_observer_came_is_dead_for_it(observer: Observer, wire: Wire, mission: Mission) -> None:
+    """It has heard neither of the death nor of who is gone, and must not take who is slow to speak for dead."""
+    known, digest = map_of(0, records_of(mission, [0, 1]), mission)
+    wire.said = [*(beat(agent, 1, digest) for agent in (0, 1)), known]
+    observer.step(0.1)
+    assert not observer.over
+    wire.now = DEAD_AFTER
+    wire.said = [beat(agent, 2, digest) for agent in (0, 1)]
+    observer.step(0.1)
+    assert observer.over
+    assert observer.settle()
+    assert observer.team.dead == {2}
+    agents = observer.team.standing().mission.agents
+    assert [agent.sensor.model for agent in agents] == ["anisotropic", "anisotropic", "blind"]
 
 
 def test_how_long_a_landmark_had_no_owner(observer: Observer, wire: Wire, mission: Mission) -> None:
@@ -226,7 +243,7 @@ def recomputed(view: ObservedTeam) -> list[float]:
 
 
 def test_events_change_the_view(mission: Mission) -> None:
-    """A trade or a better pose adds its gain; after a death, a return or an adoption the score is that of the state."""
+    """A trade or a better pose adds its gain; from a death, return or adoption on the score is that of the state."""
     view = view_of(mission)
     everything = np.arange(len(mission.landmarks))
     pose, held = Pose2(0.5, 0.5, 0.3), Pose2(-0.5, 0.2, 1.0)
@@ -245,6 +262,7 @@ def test_events_change_the_view(mission: Mission) -> None:
         (AgentBuried(0, 1), "death", ("red",), None),
         (LandmarksAdopted(2, records.slice(records.owned_by(2, 1)).adopted_by(2, 1)), "adoption", ("green",), None),
         (AgentReturned(0, Sender(1, 2)), "return", ("red",), None),
+        (PoseOptimized(0, held, 1.0, 9.0, Cause.OPTIMIZER), "optimization", ("blue",), None),
     )
     for event, kind, names, gain in events:
         view.set_living({0, 2} if kind in ("death", "adoption") else {0, 1, 2})
@@ -254,7 +272,7 @@ def test_events_change_the_view(mission: Mission) -> None:
         assert (entry.event, entry.agents, entry.score) == (kind, names, view.score)
         assert view.score == pytest.approx(sum(recomputed(view)) if gain is None else before + gain)
         assert list(view.standing().scores) == pytest.approx(recomputed(view))
-    assert (view.trades, view.optimizations) == (1, 2)
+    assert (view.trades, view.optimizations) == (1, 3)
 
 
 def test_a_first_adoption_that_was_overtaken_by_a_trade_takes_nothing_back(mission: Mission) -> None:
@@ -269,6 +287,17 @@ def test_a_first_adoption_that_was_overtaken_by_a_trade_takes_nothing_back(missi
     assert view.history == history
     view.take(LandmarksAdopted(2, first.adopted_by(2, 1)))
     assert (view.owner == 2).all()
+
+
+def test_of_two_that_adopt_the_same_the_larger_keeps_it_whoever_is_heard_first(mission: Mission) -> None:
+    for order in ((0, 2), (2, 0)):
+        view = view_of(mission)
+        own = np.flatnonzero(view.owner == 1)
+        old = records_of(mission, [0, 1, 2]).slice(own)
+        for agent in order:
+            view.take(LandmarksAdopted(agent, old.adopted_by(agent, 1)))
+        assert (view.owner[own] == 2).all()
+        assert view.score == pytest.approx(sum(recomputed(view)))
 
 
 def test_what_several_report_is_told_once(mission: Mission) -> None:

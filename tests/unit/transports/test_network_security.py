@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -282,3 +283,10 @@ def test_files_that_cannot_be_used_are_reported(tmp_path: Path) -> None:
     missing = Credentials(tmp_path / "ca.pem", tmp_path / "me.pem", tmp_path / "me.key")
     with pytest.raises(NetworkError, match="cannot join the network"):
         ZenohTransport(Sender(0, 1), CODEC, NetworkOptions(credentials=missing))
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    own = Authority(tmp_path).issue("zero")
+    absent = replace(own, key=tmp_path / "absent.key")
+    with pytest.raises(NetworkError, match=r"absent\.key: No such file or directory$"):
+        ZenohTransport(Sender(0, 1), CODEC, NetworkOptions(credentials=absent))

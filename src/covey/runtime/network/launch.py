@@ -104,7 +104,8 @@ def launch(
     Returns
     -------
     Deployment, LaunchReport
-        After Ctrl-C (KeyboardInterrupt) or the time-out what is known by then, with status INTERRUPTED.
+        After Ctrl-C (KeyboardInterrupt), the time-out or the death of all agents what is known by then, with status
+        INTERRUPTED.
 
     Raises
     ------
@@ -172,11 +173,12 @@ class _Launch:
             with contextlib.suppress(KeyboardInterrupt):
                 settled = self._watch(observer, operator, endpoints, state)
             over_at = self._time
+            longest_unowned = max(observer.longest_unowned, observer.unowned())
             if settled:
                 self._release()
             else:
                 self._interrupt()
-        start = self._all_there if self._all_there is not None else float("nan")
+        start = self._all_there
         deployment = self._deployment(observer, settled=settled, start=start, end=over_at)
         report = LaunchReport(
             settled=settled,
@@ -184,9 +186,9 @@ class _Launch:
             agents=tuple(self._reports),
             dropped={cause.value: count for cause, count in observer.dropped.items()},
             refused=dict(self._refused),
-            longest_unowned=observer.longest_unowned,
-            start_s=round(start, 3),
-            settle_s=round(over_at - start, 3),
+            longest_unowned=longest_unowned,
+            start_s=None if start is None else round(start, 3),
+            settle_s=None if start is None else round(over_at - start, 3),
         )
         return deployment, report
 
@@ -257,11 +259,24 @@ class _Launch:
                 self._start_joined(observer, endpoints, state)
             view = observer.team
             stage = "starting" if self._all_there is None else "trading"
+            stage += self._silent(observer)
             self._on_progress(Progress(stage, view.score, view.trades))
             calm = self._time >= self._calm_at and not self._changes and operator.told
-            if calm and self._is_complete(observer) and observer.over:
-                return observer.settle()
+            # Between the two questions somebody may fall silent: then it is not over after all.
+            if calm and self._is_complete(observer) and observer.over and observer.settle():
+                return True
+            if self._path is not None and not self._children and not self._restarts:
+                return False  # nobody is left who could end it
         return False
+
+    def _silent(self, observer: Observer) -> str:
+        """Say who is not heard: to be told why the mission does not end."""
+        living, names = observer.living, observer.team.names
+        if self._path is None:  # they may have gone, or never come
+            expected = len(names) - len(observer.team.gone)
+            return f", {len(living)} of {expected} agents heard" if len(living) < expected else ""
+        silent = [names[agent] for agent in sorted(self._children) if agent not in living]
+        return f", {', '.join(silent)} not heard" if silent and self._all_there is not None else ""
 
     def _change(self, observer: Observer, operator: Operator) -> bool:
         """Make the next change of the mission if its moment has come; whether one is made."""
@@ -393,7 +408,7 @@ class _Launch:
 
     # What came out.
 
-    def _deployment(self, observer: Observer, *, settled: bool, start: float, end: float) -> Deployment:
+    def _deployment(self, observer: Observer, *, settled: bool, start: float | None, end: float) -> Deployment:
         view, standing = observer.team, observer.team.standing()
         mission, poses, sets = standing.mission, standing.poses, standing.sets
         certificate = None
@@ -402,8 +417,8 @@ class _Launch:
             self._on_progress(Progress("proving", view.score, view.trades))
             proofs = prove_poses(mission, standing.models, poses, sets, range(len(sets)), seed=mission.seed)
             certificate = build_certificate(mission, standing.models, poses, sets, proofs)
-        timing = {"start": start, "trading": end - start, "proof": time.monotonic() - proved}
-        known = {name: seconds for name, seconds in timing.items() if seconds == seconds}
+        timing = {} if start is None else {"start": start, "trading": end - start}
+        timing["proof"] = time.monotonic() - proved
         optimizations = sum(report["optimizations"] for report in self._reports)
         return Deployment(
             mission=mission,
@@ -420,7 +435,7 @@ class _Launch:
             certificate=certificate,
             software=dict(software_versions()),
             snapshots=view.finish(),
-            timing_s=known | {"total": sum(known.values())},
+            timing_s=timing | {"total": sum(timing.values())},
         )
 
 

@@ -82,8 +82,9 @@ class LaunchReport:
         Connections that the agents did not let in, by what was wrong with the certificate.
     longest_unowned : float
         No landmark was without a living owner for longer, seconds.
-    start_s, settle_s : float
-        Seconds from the launch until all agents were heard, and from then until the mission was over.
+    start_s, settle_s : float or None
+        Seconds from the launch until all agents were heard, and from then until the mission was over; None if they
+        never were.
     """
 
     settled: bool
@@ -92,8 +93,8 @@ class LaunchReport:
     dropped: dict[str, int]
     refused: dict[str, int]
     longest_unowned: float
-    start_s: float
-    settle_s: float
+    start_s: float | None
+    settle_s: float | None
 
     @property
     def died(self) -> tuple[Exit, ...]:

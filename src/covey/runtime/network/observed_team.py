@@ -46,9 +46,9 @@ class ObservedTeam:
     Notes
     -----
     Events of different agents may come in another order than they happened in.  So a trade or a better pose adds what
-    it gained to the team's score, whatever else is known, and only a death, a return, an adoption or a change makes it
-    that of what is known.  The events of an agent that dies may not come at all; `settle` puts the truth in the place
-    of everything.  The dead see nothing.
+    it gained to the team's score, whatever else is known.  From the first death, return, adoption or change on, the
+    score is that of what is known: two agents that adopt the same both gain by it for a while, and the events of an
+    agent that dies may not come at all.  `settle` puts the truth in the place of everything.  The dead see nothing.
 
     Attributes
     ----------
@@ -66,6 +66,8 @@ class ObservedTeam:
         self.poses: list[Pose2] = [agent.pose for agent in mission.agents]
         self.owner = owner.copy()
         self._generation = np.zeros(len(owner), dtype=np.int64)
+        self._adopted = np.zeros(len(owner), dtype=np.bool_)  # and not traded since
+        self._disturbed = False
         self.trades = 0
         self.optimizations = 0
         self.gone: frozenset[int] = frozenset()
@@ -100,6 +102,8 @@ class ObservedTeam:
         more = len(planner.landmarks) - len(self.owner)
         self.owner = np.append(self.owner, np.full(more, -1, dtype=np.int64))
         self._generation = np.append(self._generation, np.zeros(more, dtype=np.int64))
+        self._adopted = np.append(self._adopted, np.zeros(more, dtype=np.bool_))
+        self._disturbed = True
         self.poses += [agent.pose for agent in planner.agents[len(self.poses) :]]
         self.gone = frozenset(agent for agent, record in planner.catalogue.agents.items() if not record.present)
         self.owner[~planner.alive | np.isin(self.owner, list(self.gone))] = -1
@@ -149,12 +153,16 @@ class ObservedTeam:
                 self.owner[event.server_landmarks] = event.server
                 for landmarks in (event.client_landmarks, event.server_landmarks):
                     self._generation[landmarks] = np.maximum(self._generation[landmarks], FIRST_GENERATION)
+                    self._adopted[landmarks] = False
                 self.trades += 1
                 self._log("trade", event.client, event.server, before=before, gain=event.after - event.before)
             case LandmarksAdopted():
                 before = self.owner.copy()
                 indices, generation = event.records.indices, event.records.values[:, GENERATION]
                 newer = generation > self._generation[indices]  # else a trade of what was adopted came first
+                tie = (generation == self._generation[indices]) & self._adopted[indices]
+                newer |= tie & (event.agent > self.owner[indices])
+                self._adopted[indices[newer]] = True
                 self._generation[indices[newer]] = generation[newer]
                 self.owner[indices[newer]] = event.agent
                 if (self.owner != before).any():
@@ -253,7 +261,8 @@ class ObservedTeam:
             concerned |= {int(agent) for agent in np.unique(before[before != self.owner]) if agent >= 0}
         for agent in concerned:
             self.scores[agent] = self._score_of(agent)
-        self.score = self._known_score() if gain is None else self.score + gain
+        self._disturbed |= gain is None
+        self.score = self._known_score() if gain is None or self._disturbed else self.score + gain
         names = tuple(self.planner.agents[agent].name for agent in agents)
         self.history.append(HistoryEntry(event, names, self.score))
 

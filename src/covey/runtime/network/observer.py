@@ -97,7 +97,8 @@ class Observer:
     -----
     It says nothing that could change what a team does: agents answer its question for their maps beside their work.
     The mission is over when all that speak are quiescent, have the same map, and this map, fetched from one of them,
-    gives every landmark an owner that speaks.  What changed since the mission began it learns from maps too; events and
+    gives every landmark an owner that speaks.  Whoever has not spoken within `dead_after` by then is dead, whether or
+    not the observer was there to hear of it.  What changed since the mission began it learns from maps too; events and
     heartbeats of whom it has not heard of yet wait until then.
     """
 
@@ -167,6 +168,8 @@ class Observer:
     def final_map(self) -> Map | None:
         """What all that speak have agreed on at the end; None while the mission is not over."""
         living = self.living
+        if len(living) + len(self.team.gone) < len(self.team.poses) and self.time < self._dead_after:
+            return None  # who has not been heard may yet speak
         digest = self._agreed(living)
         known = None if digest is None else self._maps.get(digest)
         planner = self.team.planner
@@ -217,6 +220,7 @@ class Observer:
             return False
         owner = self._records_of(known).values[:, OWNER].copy()
         poses: dict[int, Pose2] = {agent: record.pose for agent, record in known.poses.items()}
+        self.team.set_living(self.living)
         self.team.settle(owner, poses)
         return True
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from covey.flight.parameters import VehicleParameters, load_vehicle
 from covey.runtime.records.output import check_target, staged
-from covey.runtime.records.record import FLIGHT_FILES, RESULT, write_result
+from covey.runtime.records.record import FLIGHT_FILES, RECORD, RESULT, write_result
 from covey.runtime.result import Progress
 from covey.vehicles.flight_log import FlightLog
 
@@ -99,7 +99,7 @@ def write_exercise(
     """
     target = Path(directory)
     check_exercise_target(target, overwrite=overwrite)
-    with staged(target, (*FLIGHT_FILES, RESULT)) as staging:
+    with staged(target, (*FLIGHT_FILES, RECORD, RESULT)) as staging:
         _write_log(result.log, staging)
         (staging / RESULT).write_text(exercise_text(result), encoding="utf-8")
     return target
@@ -127,7 +127,7 @@ def check_exercise_target(directory: str | Path, *, overwrite: bool = False) -> 
     OutputError
         If the directory holds something that would be overwritten, is a file, or cannot be made.
     """
-    check_target(Path(directory), (*FLIGHT_FILES, RESULT), _is_exercise_result, overwrite=overwrite)
+    check_target(Path(directory), (*FLIGHT_FILES, RECORD, RESULT), _is_exercise_result, overwrite=overwrite)
 
 
 def exercise_text(result: ExerciseResult) -> str:

@@ -24,6 +24,10 @@ NOBODY = -1
 """The owner of a landmark that nobody watches."""
 
 
+NO_TRADE = "none"
+"""In the place of the rule of trade: the run is an exercise, whose vehicles have tasks and no landmarks."""
+
+
 class Run(enum.Enum):
     """What kind of run is told of; it says what `time` means."""
 
@@ -129,7 +133,7 @@ class Scene:
     seed : int
     sigma : float
     trade : str
-        The rule of trade.
+        The rule of trade, or `NO_TRADE`.
     agents : tuple of SceneAgent
     positions_W : array, shape (n, 3)
         The landmarks, metres; z is 0 for those on the ground.

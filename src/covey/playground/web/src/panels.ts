@@ -39,8 +39,8 @@ interface Column {
 }
 
 const COLUMNS: Column[] = [
-  { key: "landmarks", head: "owns", title: "landmarks that it watches", shown: () => true, text: (_s, a, counts) => String(counts[a]) },
-  { key: "score", head: "score", title: "its share of the team score", shown: () => true, text: (s, a) => number(s.scores[a], 2) },
+  { key: "landmarks", head: "owns", title: "landmarks that it watches", shown: (s) => s.owner.length > 0, text: (_s, a, counts) => String(counts[a]) },
+  { key: "score", head: "score", title: "its share of the team score", shown: (s) => s.owner.length > 0, text: (s, a) => number(s.scores[a], 2) },
   { key: "speed", head: "m/s", title: "speed", shown: (s) => s.velocities !== null, text: (s, a) => number(speedOf(s, a), 1) },
   { key: "battery", head: "battery", title: "what is left of its battery", shown: (s) => s.battery !== null, text: (s, a) => percent(s.battery?.[a] ?? NaN) },
   { key: "link", head: "link", title: "share of what was sent to it that arrived", shown: (s) => s.link !== null, text: (s, a) => percent(s.link?.[a] ?? NaN) },
@@ -88,7 +88,9 @@ export class Panels {
       document.title = `${scene.mission} · covey`;
     }
     const plural = (count: number, word: string): string => `${count} ${word}${count === 1 ? "" : "s"}`;
-    setText(element("subtitle"), `${plural(world.m, "agent")}, ${plural(world.n, "landmark")}, ${scene.trade} trade, σ ${scene.sigma}, seed ${scene.seed}`);
+    const trading = world.n ? `${plural(world.n, "landmark")}, ${scene.trade} trade, σ ${scene.sigma}, ` : "";
+    setText(element("subtitle"), `${plural(world.m, "agent")}, ${trading}seed ${scene.seed}`);
+    document.body.classList.toggle("bare", world.n === 0); // vehicles with tasks of their own: nothing to score or trade
     const { score } = session;
     setText(element("score"), number(score, 2));
     element("bound-box").hidden = !Number.isFinite(state.bound);
