@@ -18,6 +18,7 @@ from covey.protocol import (
     Cause,
     Change,
     LandmarkChange,
+    Offer,
     PoseRecord,
     Reason,
     RecordSlice,
@@ -93,7 +94,7 @@ def senders_and_contents(draw: st.DrawFn) -> tuple[Sender, Content]:
     sender = Sender(OPERATOR if chosen.type is Change else draw(agents), draw(counts))
     if "sender" in chosen.type.__dataclass_fields__:
         values["sender"] = sender
-    if "give" in values:  # an offer gives of its own, and wants of the other's
+    if chosen.type is Offer:  # it gives of its own, and wants of the other's
         own: RecordSlice = values["records"]
         values["give"] = own.indices[: draw(st.integers(0, len(own.indices)))]
         values["want"] = np.setdiff1d(values["want"], own.indices)
