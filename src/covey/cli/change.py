@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -133,11 +133,13 @@ def change(
 def _point(text: str) -> list[float]:
     from covey.errors import InputError
 
-    match = re.fullmatch(r"\s*([^,\s]+)\s*,\s*([^,\s]+)\s*", text)
     try:
-        return [float(part) for part in match.groups()] if match else [float(text)]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--add: expected X,Y in metres, got {text!r}") from None
+        numbers = []
+    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+        raise InputError(f"--add: expected X,Y in metres, got {text!r}")
+    return numbers
 
 
 def _document(path: Path) -> Any:

@@ -128,7 +128,7 @@ class OfferDeclined:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OfferStands:
-    """A server made an offer, or the one that it had made is closed: whichever way, it is free again.
+    """A server made an offer, or the one that it had made is closed, whether or not it came to a trade.
 
     Parameters
     ----------
