@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable, Sequence
 
 from covey.protocol import Sender
 from covey.transports.codec import Codec
 from covey.transports.network import Mode, NetworkOptions
+from covey.transports.ports import free_endpoints
 from covey.transports.zenoh import ZenohTransport
 
 PATIENCE = 30.0
@@ -20,9 +20,7 @@ QUIET = 0.1
 
 def free_endpoint(protocol: str = "tcp") -> str:
     """An endpoint on this machine that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+    return free_endpoints(1, protocol)[0]
 
 
 def wait_until(holds: Callable[[], object], what: str) -> None:

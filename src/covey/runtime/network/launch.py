@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import socket
 import tempfile
 import time
 from collections import Counter
@@ -29,6 +28,7 @@ from covey.runtime.plan import software_versions
 from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.runtime.team import standing_results
 from covey.runtime.watching.steering import Kill, Request, Revive, SetWeight, Steering
+from covey.transports.ports import free_endpoints
 from covey.transports.zenoh import ZenohObserver
 
 TICK = 0.05
@@ -202,11 +202,7 @@ class _Launch:
             return list(self._connect)
         protocol = "tcp" if self._options.network.options.credentials is None else "tls"
         most = self._first + sum(change.join is not None for change in self._changes)
-        with ExitStack() as stack:
-            probes = [stack.enter_context(socket.socket()) for _ in range(most + 1)]
-            for probe in probes:
-                probe.bind(("127.0.0.1", 0))
-            return [f"{protocol}/127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
+        return free_endpoints(most + 1, protocol)
 
     def _observer(self, stack: ExitStack, endpoints: Sequence[str]) -> tuple[Observer, Operator]:
         network = self._options.network.for_name(OBSERVER)
