@@ -160,7 +160,7 @@ export class WorldMap {
     const now = performance.now();
     this.numbersShown = !numbered && !this.seen;
     const numbersDue = this.numbersShown && this.numbersStale && now - this.numbersAt > NUMBERS_EVERY;
-    const key = `${view.revision} ${this.look} ${state.obstacles.length} ${this.scenes}`;
+    const key = `${view.revision} ${this.look} ${state.obstacles.length} ${this.scenes} ${session.timeline?.restored}`;
     const stale = key !== this.sceneryKey || numbersDue || this.trails.stale(view, session.x, this.look);
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     if (stale) {
@@ -209,6 +209,7 @@ export function describe(session: Session, map: WorldMap): Record<string, unknow
     mission: world.scene.mission, status: session.status, x: session.x, time: state.time, score: teamScore(state), trades: state.trades,
     bound: state.bound, owner: [...state.owner], trading, weights: [...state.weights], activity: [...state.activity], poses: [...state.poses],
     flown: state.flown && [...state.flown], obstacles: state.obstacles.length, colours: world.colours, entries: timeline.entries.length,
+    flownPoints: timeline.flown.x.length, pathStarts: timeline.paths.map((path) => [path.x[0], ...path.points.slice(0, 3)]),
     pathPoints: timeline.paths.reduce((sum, path) => sum + path.x.length, 0), scorePoints: timeline.score.x.length,
     cellPixels: world.cellSize * map.view.scale,
   };

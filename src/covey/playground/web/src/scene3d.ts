@@ -14,6 +14,7 @@ import { extent } from "./map";
 import { Activity, POSE } from "./messages";
 import type { Session } from "./session";
 import { shownPose, type Obstacle, type State, type World } from "./state";
+import type { Path } from "./timeline";
 
 const MOST_BODIES = 5000;
 const TALLEST = 1e3;
@@ -32,7 +33,7 @@ export class View3d {
   private cells: Cells | null = null;
   private ground: CanvasTexture<OffscreenCanvas> | null = null;
   private bodies: InstancedMesh | Points | null = null;
-  private vehicles: { group: Group; stem: Line; label: Sprite; waypoint: Mesh; trail: Line; points: number }[] = [];
+  private vehicles: { group: Group; stem: Line; label: Sprite; waypoint: Mesh; trail: Line; path: Path | null; points: number }[] = [];
   private obstacles: Object3D[] = [];
   private balls: Mesh[] = [];
   private shownObstacles: Obstacle[] | null = null;
@@ -199,7 +200,7 @@ export class View3d {
     trail.frustumCulled = stem.frustumCulled = false;
     const label = sprite(String(agent + 1), colour, 1.5 * arm);
     this.stage.add(group, stem, waypoint, trail, label);
-    return { group, stem, label, waypoint, trail, points: 0 };
+    return { group, stem, label, waypoint, trail, path: null, points: 0 };
   }
 
   private buildObstacles(state: State): void {
@@ -264,7 +265,8 @@ export class View3d {
       ends.needsUpdate = true;
       vehicle.stem.computeLineDistances();
       const path = session.timeline?.paths[agent];
-      if (path && path.x.length !== vehicle.points) {
+      if (path && (path !== vehicle.path || path.x.length !== vehicle.points)) {
+        vehicle.path = path;
         vehicle.points = path.x.length;
         vehicle.trail.geometry.dispose();
         vehicle.trail.geometry = new BufferGeometry();
