@@ -22,8 +22,8 @@ WHITE = (255, 255, 255)
 
 FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(null))))"
 
-SAMPLE = """places => {
-  const canvas = document.querySelector('#map canvas[data-layer=cells]');
+SAMPLE = """([layer, places]) => {
+  const canvas = document.querySelector(`#map canvas[data-layer=${layer}]`);
   const box = canvas.getBoundingClientRect();
   const { width, height } = canvas;
   const copy = new OffscreenCanvas(width, height).getContext('2d', { willReadFrequently: true });
@@ -34,10 +34,10 @@ SAMPLE = """places => {
     const i = Math.floor((at.y - box.top) * height / box.height);
     const j = Math.floor((at.x - box.left) * width / box.width);
     const k = 4 * (i * width + j);
-    return [data[k], data[k + 1], data[k + 2]];
+    return [data[k], data[k + 1], data[k + 2], data[k + 3]];
   });
 }"""
-"""Colours on the canvas at places in metres."""
+"""Colours on a layer of the map at places in metres."""
 
 SEEK = """x => {
   const bar = document.getElementById('scrub-input');
@@ -105,7 +105,11 @@ class Shown:
         """Colour on the screen of each landmark's cell, off its middle, where its number is: (n, 3)."""
         off = 0.33 * scene.cell_size
         places = [[float(x) - off, float(y) + off] for x, y, _ in scene.positions_W]
-        return np.array(self.page.evaluate(SAMPLE, places))
+        return self.colours("cells", places)[:, :3]
+
+    def colours(self, layer: str, places: Sequence[Sequence[float]]) -> NDArray[np.int64]:
+        """Red, green, blue and opacity of a layer of the map at places in metres: (k, 4)."""
+        return np.array(self.page.evaluate(SAMPLE, [layer, [list(map(float, place)) for place in places]]))
 
     def text(self, selector: str) -> str:
         """What is written there."""

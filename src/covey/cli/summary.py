@@ -301,4 +301,6 @@ def _pixels(deployment: Deployment) -> tuple[NDArray[np.int64], tuple[float, flo
         x, y = np.meshgrid(low[0] + size * (np.arange(columns) + 0.5), low[1] + size * (np.arange(rows) + 0.5))
         index = lattice.at(x, y)
         owner = np.where(index >= 0, deployment.owner[index], -1)
+        j, i = ((landmarks.positions_W[lattice.loose] - low) / size).astype(np.int64).T
+        owner[i, j] = deployment.owner[lattice.loose]
     return owner, (float(low[0]), float(low[1]), size)

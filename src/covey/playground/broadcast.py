@@ -66,12 +66,12 @@ class Broadcast:
         """Take in what a run tells."""
         with self._lock:
             self._view.apply(item)
+            self._history.add(item)
             if isinstance(item, Scene):
                 self._scenes += 1
                 self._motion = self._health = None
                 self._pile_up()
                 return
-            self._history.add(item)
             if isinstance(item, Motion):
                 self._motion = item
             elif isinstance(item, Health):

@@ -82,7 +82,7 @@ class PastChange:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class History:
-    """What went before; it replaces what the page has of score curve and log.
+    """What went before; it replaces what the page has of score curves, paths and log.
 
     Parameters
     ----------
@@ -90,6 +90,14 @@ class History:
         So many changes and offers were there.
     times, steps, scores : array, shape (k,)
         The curve of the team score, thinned out: when, after how many changes and offers, and how much.
+    times_flown, scores_flown : array, shape (q,)
+        The curve of the team score from the true poses, thinned out.
+    path_counts : array of int32, shape (m,)
+        How many points of each agent's path there are.
+    path_x : array, shape (r,)
+        When the agents were where `path_points` says, agent after agent: the time, of a plan the step.
+    path_points : array of float32, shape (r, 3)
+        Frame W, metres; true places where vehicles fly, else committed ones.
     changes : tuple of PastChange
         The newest ones, in the order of time.
     partners : array of int32, shape (p, 3)
@@ -100,6 +108,11 @@ class History:
     times: NDArray[np.float64]
     steps: NDArray[np.int32]
     scores: NDArray[np.float64]
+    times_flown: NDArray[np.float64]
+    scores_flown: NDArray[np.float64]
+    path_counts: NDArray[np.int32]
+    path_x: NDArray[np.float64]
+    path_points: NDArray[np.float32]
     changes: tuple[PastChange, ...]
     partners: NDArray[np.int32]
 

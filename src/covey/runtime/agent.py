@@ -201,8 +201,7 @@ class TeamPlanner:
             positions[k], weights[k] = (record.x, record.y), record.weight if record.alive else 0.0
             if normals is not None and (record.normal_x or record.normal_y):
                 normals[k] = record.normal_x, record.normal_y
-        cell = None if more else self.landmarks.cell_size  # what is added stands on no grid
-        self.landmarks = Landmarks(positions, weights, normals, cell)
+        self.landmarks = Landmarks(positions, weights, normals, self.landmarks.cell_size)
         self.weights = self.landmarks.weights
         self.alive = catalogue.alive(self._began_with[0], n)
         for seen in self._seen:

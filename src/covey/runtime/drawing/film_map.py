@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from covey.geometry import Pose2
 from covey.runtime.drawing.flight_paths import mark_radius, pale
 from covey.runtime.drawing.lattice import find_lattice
-from covey.runtime.drawing.map_drawing import INK, draw_badges, draw_poses
+from covey.runtime.drawing.map_drawing import INK, draw_badges, draw_poses, scatter_loose
 from covey.runtime.drawing.palette import rgb
 from covey.vehicles.flight_log import FlightLog
 
@@ -119,10 +119,13 @@ class Ground:
             lines = [[(x, y_min), (x, y_max)] for x in np.linspace(x_min, x_max, columns + 1)]
             lines += [[(x_min, y), (x_max, y)] for y in np.linspace(y_min, y_max, rows + 1)]
             self.artists.append(ax.add_collection(LineCollection(lines, colors="white", linewidths=0.6), autolim=False))
+        loose: Any = scatter_loose(ax, landmarks.positions_W[lattice.loose], lattice.cell_size * scale)
+        self.artists.append(loose)
 
         def paint(shades: NDArray[np.float64]) -> None:
             image[filled, :3] = np.rint(255.0 * shades[lattice.index[filled]])
             shown.set_data(image)
+            loose.set_facecolor(shades[lattice.loose])
 
         return paint
 
@@ -131,6 +134,9 @@ class Ground:
         size = (landmarks.cell_size or 0.0) * scale
         if size < 9.0:
             return []
+        lattice = find_lattice(landmarks)
+        positions = landmarks.positions_W.copy()
+        positions[[] if lattice is None else lattice.loose] = math.nan
         numbers = []
         for index in range(len(palette)):
             text = TextPath((0.0, 0.0), str(index + 1), size=10.0)
@@ -140,7 +146,7 @@ class Ground:
             marks: Any = ax.plot([], [], linestyle="none", marker=glyphs, markersize=height, zorder=1.0)[0]
             marks.set(color=INK, alpha=0.6, markeredgewidth=0.0)
             self.artists.append(marks)
-            numbers.append((marks, landmarks.positions_W))
+            numbers.append((marks, positions))
         return numbers
 
 

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from covey.environment import Landmarks
 
+OFF_GRID = 1e-3
+"""Sides of a cell by which a landmark may be off its middle."""
+
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
@@ -18,6 +21,8 @@ class Lattice:
     ----------
     index : array of int64, shape (rows, columns)
         Which landmark each cell is, -1 for none; row 0 has the smallest y.
+    loose : array of int64, shape (k,)
+        The landmarks that are no cells: points, to be drawn on top of these.
     x_min, y_min : float
         Lower left corner of the grid, frame W, metres.
     cell_size : float
@@ -25,6 +30,7 @@ class Lattice:
     """
 
     index: NDArray[np.int64]
+    loose: NDArray[np.int64]
     x_min: float
     y_min: float
     cell_size: float
@@ -54,26 +60,38 @@ class Lattice:
 def find_lattice(landmarks: Landmarks) -> Lattice | None:
     """Recognise the cells of a square grid; None where the landmarks are something else.
 
+    The first landmark says where the grid is, since those added to a mission come last.  Loose are landmarks off it,
+    or in a cell that one before them has.  It is no grid unless more than half of the landmarks are cells, or if hardly
+    any of its cells are landmarks.
+
     Examples
     --------
-    >>> cells = Landmarks(np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]]), cell_size=1.0)
-    >>> find_lattice(cells).index
+    >>> cells = Landmarks(np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [0.7, 0.6]]), cell_size=1.0)
+    >>> lattice = find_lattice(cells)
+    >>> lattice.index
     array([[ 0,  1],
            [ 2, -1]])
+    >>> lattice.loose
+    array([3])
     """
-    size = landmarks.cell_size
-    if size is None or len(landmarks) == 0:
+    size, n = landmarks.cell_size, len(landmarks)
+    if size is None or n == 0:
         return None
-    low = landmarks.positions_W.min(axis=0)
-    steps = (landmarks.positions_W - low) / size
+    positions = landmarks.positions_W
+    steps = (positions - positions[0]) / size
     cells = np.rint(steps)
-    shape = cells.max(axis=0) + 1
-    if np.abs(steps - cells).max() > 1e-3 or shape.prod() > 1000 + 50 * len(landmarks):
+    which = np.flatnonzero((np.abs(steps - cells) <= OFF_GRID).all(axis=1))
+    cells = cells[which] - cells[which].min(axis=0)
+    if np.prod(cells.max(axis=0) + 1.0) > 1000 + 50 * n:
         return None
-    columns, rows = (int(count) for count in shape)
     j, i = cells.astype(np.int64).T
-    index = np.full((rows, columns), -1, dtype=np.int64)
-    index[i, j] = np.arange(len(landmarks))
-    if np.count_nonzero(index >= 0) < len(landmarks):
+    index = np.full((i.max() + 1, j.max() + 1), -1, dtype=np.int64)
+    taken, first = np.unique(i * index.shape[1] + j, return_index=True)
+    index.flat[taken] = which[first]
+    is_loose = np.ones(n, dtype=np.bool_)
+    is_loose[index[index >= 0]] = False
+    loose = np.flatnonzero(is_loose)
+    if 2 * len(loose) >= n:
         return None
-    return Lattice(index, float(low[0]) - size / 2, float(low[1]) - size / 2, size)
+    low = positions[which].min(axis=0)
+    return Lattice(index, loose, float(low[0]) - size / 2, float(low[1]) - size / 2, size)

@@ -181,13 +181,18 @@ def _draw_landmarks(
     shades = table[owner]
     lattice = find_lattice(landmarks)
     many = len(landmarks) > MANY_CELLS
+    is_cell = np.ones(len(landmarks), dtype=np.bool_)
+    if lattice is not None:
+        is_cell[lattice.loose] = False
+    positions = landmarks.positions_W[is_cell]
     if lattice is not None and many:
         _draw_image(ax, lattice, shades)
     elif landmarks.cell_size is not None:
         half = landmarks.cell_size / 2.0
         square = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        corners = landmarks.positions_W[:, None, :] + square
-        cells = PolyCollection(list(corners), facecolors=shades, edgecolors="white", linewidths=0.0 if many else 0.5)
+        corners = positions[:, None, :] + square
+        width = 0.0 if many else 0.5
+        cells = PolyCollection(list(corners), facecolors=shades[is_cell], edgecolors="white", linewidths=width)
         cells.set_rasterized(many)
         ax.add_collection(cells, autolim=False)
     else:
@@ -195,8 +200,18 @@ def _draw_landmarks(
     size = (landmarks.cell_size or 0.0) * frame.points_per_metre
     numbered = size >= 9.0 and not many
     if numbered:
-        _number_cells(ax, landmarks, owner, palette, numbers, size)
+        _number_cells(ax, positions, owner[is_cell], palette, numbers, size)
+    if lattice is not None and len(lattice.loose):
+        dots: Any = scatter_loose(ax, landmarks.positions_W[lattice.loose], size)
+        dots.set_facecolor(shades[lattice.loose])
     return numbered
+
+
+def scatter_loose(ax: Axes, positions: NDArray[np.float64], size: float) -> PathCollection:
+    """Draw landmarks that are no cells of their lattice, whose cells have this size, points."""
+    diameter = min(9.0, max(4.0, 0.5 * size))
+    x, y = positions.T
+    return ax.scatter(x, y, s=diameter**2, linewidths=0.7, edgecolors=INK, zorder=1.2)
 
 
 def _draw_image(ax: Axes, lattice: Lattice, shades: NDArray[np.float64]) -> None:
@@ -229,7 +244,7 @@ def _draw_dots(ax: Axes, landmarks: Landmarks, shades: NDArray[np.float64], many
 
 def _number_cells(
     ax: Axes,
-    landmarks: Landmarks,
+    positions: NDArray[np.float64],
     owner: NDArray[np.int64],
     palette: Sequence[str],
     numbers: Sequence[str],
@@ -237,7 +252,7 @@ def _number_cells(
 ) -> None:
     """Write the owner's number into each cell; as outlines, since hundreds of texts would be slow."""
     for index, (number, colour) in enumerate(zip(numbers, palette, strict=True)):
-        own = landmarks.positions_W[owner == index]
+        own = positions[owner == index]
         if len(own):
             marks = _marks([_glyphs(number)], [min(8.0, 0.45 * size)], own, ax)
             marks.set(facecolors=INK if is_light(colour) else "white", linewidths=0.0, alpha=0.75)

@@ -21,7 +21,7 @@ from covey.runtime.drawing.film_frames import HEIGHT, WIDTH, Pixels
 from covey.runtime.drawing.flight_drawing import clip_text, new_page, place_axes, write_title
 from covey.runtime.drawing.flight_paths import pale
 from covey.runtime.drawing.lattice import find_lattice
-from covey.runtime.drawing.map_drawing import INK, STYLE
+from covey.runtime.drawing.map_drawing import INK, STYLE, scatter_loose
 from covey.runtime.drawing.palette import rgb
 from covey.runtime.watching.feed import (
     NOBODY,
@@ -236,10 +236,13 @@ class RecordFrames:
         limits = ax.get_xlim(), ax.get_ylim()
         shown = self._add(ax.imshow(image, extent=lattice.extent, origin="lower", interpolation="nearest", zorder=0.5))
         ax.set(xlim=limits[0], ylim=limits[1])
+        side = float(np.diff(ax.transData.transform([(0.0, 0.0), (lattice.cell_size, 0.0)])[:, 0])[0])
+        loose = self._add(scatter_loose(ax, positions[lattice.loose], side * 72.0 / self._figure.dpi))
 
         def paint(shades: NDArray[np.float64]) -> None:
             image[filled, :3] = shades[lattice.index[filled]]
             shown.set_data(image)
+            loose.set_facecolor(shades[lattice.loose])
 
         return paint
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from covey.environment.georeference import GeoReference
 from covey.errors import ArgumentError
+from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.palette import colours
 from covey.runtime.result import Deployment
 
@@ -21,7 +22,7 @@ def to_geojson(deployment: Deployment) -> dict[str, Any]:
     """Return a deployment as a GeoJSON FeatureCollection.
 
     Its features are told apart by the property ``kind``: the ``region``; what each agent ``owns``, as a MultiPolygon of
-    its cells or, for landmarks without a size, a MultiPoint; and each ``agent``, as a Point with ``heading_deg``,
+    its cells or, where some landmarks are no cells, a MultiPoint; and each ``agent``, as a Point with ``heading_deg``,
     clockwise from north at the mission's origin.
 
     Raises
@@ -42,13 +43,13 @@ def to_geojson(deployment: Deployment) -> dict[str, Any]:
         _feature("Polygon", [_ring(ring, reference) for ring in rings], {"kind": "region", "name": mission.name})
     ]
     palette = colours([agent.name for agent in deployment.agents])
+    lattice = find_lattice(mission.landmarks)
+    cell_size = None if lattice is not None and len(lattice.loose) else mission.landmarks.cell_size
     for agent, colour in zip(deployment.agents, palette, strict=True):
         if not len(agent.landmarks):
             continue
         properties = {"kind": "owns", "agent": agent.name, "landmark_count": len(agent.landmarks), "fill": colour}
-        kind, coordinates = _owned(
-            mission.landmarks.positions_W[agent.landmarks], mission.landmarks.cell_size, reference
-        )
+        kind, coordinates = _owned(mission.landmarks.positions_W[agent.landmarks], cell_size, reference)
         features.append(_feature(kind, coordinates, properties))
     for agent, colour in zip(deployment.agents, palette, strict=True):
         pose = agent.pose

@@ -1,7 +1,7 @@
 // The landmarks: each a cell in its owner's colour, white while it is traded; or the heat map of one agent.
 
 import { css, heat, inkOn, parse, pixel, type Inks, type Rgb } from "./colour";
-import { findLattice, type Lattice } from "./lattice";
+import { findLattice, landmarkAt, type Lattice } from "./lattice";
 import { NOBODY } from "./messages";
 import type { Dirty, State, World } from "./state";
 import type { View } from "./view";
@@ -19,6 +19,8 @@ export class Cells {
   private readonly words: Uint32Array | null = null;
   private readonly bitmap: OffscreenCanvas | null = null;
   private readonly sprites = new Map<string, OffscreenCanvas>();
+  /** Those that cannot be drawn alone: loose landmarks, and the cells that these may lie on. */
+  private readonly covered = new Set<number>();
   private drawnView = -1;
   private drawnLook = -1;
   private heaviest = 1;
@@ -33,6 +35,18 @@ export class Cells {
       this.image = new ImageData(this.lattice.columns, this.lattice.rows);
       this.words = new Uint32Array(this.image.data.buffer);
       this.bitmap = new OffscreenCanvas(this.lattice.columns, this.lattice.rows);
+      for (const k of this.lattice.loose) this.cover(this.lattice, k);
+    }
+  }
+
+  private cover(lattice: Lattice, loose: number): void {
+    const { positions } = this.world;
+    this.covered.add(loose);
+    for (const dx of [-0.5, 0.5]) {
+      for (const dy of [-0.5, 0.5]) {
+        const k = landmarkAt(lattice, positions[3 * loose] + dx * lattice.size, positions[3 * loose + 1] + dy * lattice.size);
+        if (k >= 0) this.covered.add(k);
+      }
     }
   }
 
@@ -64,13 +78,15 @@ export class Cells {
     const shapes = this.lattice !== null && size >= SHAPES_FROM && this.visibleCells(view) <= MOST_SHAPES;
     if (this.lattice) this.paint(state, dirty.all || this.drawnLook !== look ? null : dirty.cells, seen);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    if (all || !shapes || seen) {
+    const buried = this.covered.size > 0 && dirty.cells.some((k) => this.covered.has(k));
+    if (all || !shapes || seen || buried) {
       context.fillStyle = this.inks.paper;
       context.fillRect(0, 0, view.width, view.height);
       if (!this.lattice) this.drawPoints(context, view, state, seen);
       else if (shapes) this.drawShapes(context, view, state, seen, this.visible(view), false);
       else this.drawImage(context, view);
       if (seen) this.outline(context, view, state, outlined);
+      if (this.lattice) this.drawLoose(context, view, state, seen, this.lattice.loose);
     } else {
       this.drawShapes(context, view, state, seen, dirty.cells, true);
     }
@@ -89,8 +105,9 @@ export class Cells {
     if (!lattice || !words || !image || !bitmap) return;
     let [top, bottom] = [lattice.rows, -1];
     const set = (k: number): void => {
-      const { colour, alpha } = this.shade(state, k, seen);
       const at = lattice.cell[k];
+      if (at < 0) return;
+      const { colour, alpha } = this.shade(state, k, seen);
       words[at] = pixel(colour, Math.round(255 * alpha));
       const row = Math.floor(at / lattice.columns);
       if (row < top) top = row;
@@ -232,9 +249,33 @@ export class Cells {
     return sprite;
   }
 
+  /** Points on top of the cells, each on a ground of its own, so that a pale one does not take the colour of its cell. */
+  private drawLoose(context: CanvasRenderingContext2D, view: View, state: State, seen: Float32Array | null, loose: Iterable<number>): void {
+    const { positions } = this.world;
+    const size = this.dotSize(view);
+    for (const k of loose) {
+      const [x, y] = [view.x(positions[3 * k]), view.y(positions[3 * k + 1])];
+      if (x < -size || y < -size || x > view.width + size || y > view.height + size) continue;
+      const { colour, alpha } = this.shade(state, k, seen);
+      if (alpha === 0) continue;
+      context.beginPath();
+      context.arc(x, y, size / 2, 0, 2 * Math.PI);
+      context.fillStyle = this.inks.paper;
+      context.fill();
+      context.globalAlpha = alpha;
+      context.fillStyle = css(colour);
+      context.fill();
+      context.globalAlpha = 1;
+      context.strokeStyle = this.inks.ink;
+      context.lineWidth = 1.2;
+      context.stroke();
+    }
+  }
+
   /** Diameter of a landmark that is a point, CSS pixels. */
   dotSize(view: View): number {
     const { cellSize } = this.world;
+    if (this.lattice) return Math.min(14, Math.max(5, 0.5 * cellSize * view.scale));
     if (cellSize > 0) return Math.max(2, cellSize * view.scale);
     return Math.min(14, Math.max(2.5, 0.16 * view.scale, 5 - Math.log10(this.world.n)));
   }

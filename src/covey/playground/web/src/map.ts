@@ -106,17 +106,23 @@ export class WorldMap {
     agents.draw(this.layers[2].context, this.ratio, this.view, state, partners, look, this.inks, this.font);
   }
 
+  /** The landmarks that are points among cells. */
+  get loose(): Int32Array | null {
+    return this.cells?.lattice?.loose ?? null;
+  }
+
   /** The landmark under a place on the screen, or -1. */
   landmarkAt(world: World, x: number, y: number): number {
     const [wx, wy] = [this.view.worldX(x), this.view.worldY(y)];
     const lattice = this.cells?.lattice;
-    if (lattice) return landmarkAt(lattice, wx, wy);
     const reach = Math.max(6, (this.cells?.dotSize(this.view) ?? 0) * 0.6) / this.view.scale;
     let [best, found] = [reach, -1];
-    for (let k = 0; k < world.n; k++) {
+    for (let i = 0; i < (lattice?.loose.length ?? world.n); i++) {
+      const k = lattice ? lattice.loose[i] : i;
       const away = Math.hypot(world.positions[3 * k] - wx, world.positions[3 * k + 1] - wy);
       if (away < best) [best, found] = [away, k];
     }
+    if (lattice && found < 0) return landmarkAt(lattice, wx, wy);
     return found;
   }
 
@@ -160,7 +166,7 @@ export class WorldMap {
     const now = performance.now();
     this.numbersShown = !numbered && !this.seen;
     const numbersDue = this.numbersShown && this.numbersStale && now - this.numbersAt > NUMBERS_EVERY;
-    const key = `${view.revision} ${this.look} ${state.obstacles.length} ${this.scenes}`;
+    const key = `${view.revision} ${this.look} ${state.obstacles.length} ${this.scenes} ${session.timeline?.restored}`;
     const stale = key !== this.sceneryKey || numbersDue || this.trails.stale(view, session.x, this.look);
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     if (stale) {
@@ -209,7 +215,8 @@ export function describe(session: Session, map: WorldMap): Record<string, unknow
     mission: world.scene.mission, status: session.status, x: session.x, time: state.time, score: teamScore(state), trades: state.trades,
     bound: state.bound, owner: [...state.owner], trading, weights: [...state.weights], activity: [...state.activity], poses: [...state.poses],
     flown: state.flown && [...state.flown], obstacles: state.obstacles.length, colours: world.colours, entries: timeline.entries.length,
+    flownPoints: timeline.flown.x.length, pathStarts: timeline.paths.map((path) => [path.x[0], ...path.points.slice(0, 3)]),
     pathPoints: timeline.paths.reduce((sum, path) => sum + path.x.length, 0), scorePoints: timeline.score.x.length,
-    cellPixels: world.cellSize * map.view.scale,
+    cellPixels: world.cellSize * map.view.scale, loose: map.loose && [...map.loose],
   };
 }

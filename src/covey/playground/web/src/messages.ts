@@ -185,13 +185,18 @@ export interface Steered {
   loss: number;
 }
 
-/** What went before; it replaces what the page has of score curve and log. */
+/** What went before; it replaces what the page has of score curves, paths and log. */
 export interface History {
   type: "History";
   step: number;
   times: Encoded<"f8">;
   steps: Encoded<"i4">;
   scores: Encoded<"f8">;
+  times_flown: Encoded<"f8">;
+  scores_flown: Encoded<"f8">;
+  path_counts: Encoded<"i4">;
+  path_x: Encoded<"f8">;
+  path_points: Encoded<"f4">;
   changes: PastChange[];
   partners: Encoded<"i4">;
 }

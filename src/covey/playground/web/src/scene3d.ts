@@ -14,6 +14,7 @@ import { extent } from "./map";
 import { Activity, POSE } from "./messages";
 import type { Session } from "./session";
 import { shownPose, type Obstacle, type State, type World } from "./state";
+import type { Path } from "./timeline";
 
 const MOST_BODIES = 5000;
 const TALLEST = 1e3;
@@ -32,7 +33,9 @@ export class View3d {
   private cells: Cells | null = null;
   private ground: CanvasTexture<OffscreenCanvas> | null = null;
   private bodies: InstancedMesh | Points | null = null;
-  private vehicles: { group: Group; stem: Line; label: Sprite; waypoint: Mesh; trail: Line; points: number }[] = [];
+  /** Which of the bodies each landmark is that has one. */
+  private bodyOf = new Map<number, number>();
+  private vehicles: { group: Group; stem: Line; label: Sprite; waypoint: Mesh; trail: Line; path: Path | null; points: number }[] = [];
   private obstacles: Object3D[] = [];
   private balls: Mesh[] = [];
   private shownObstacles: Obstacle[] | null = null;
@@ -142,27 +145,36 @@ export class View3d {
       const plane = new Mesh(new PlaneGeometry(w, h), new MeshBasicMaterial({ map: this.ground, transparent: true, side: DoubleSide }));
       plane.position.set(lattice.xMin + w / 2, lattice.yMax - h / 2, 0);
       this.stage.add(plane);
-      return;
     }
-    if (world.n > MOST_BODIES) {
+    this.bodyOf = new Map(Array.from(lattice?.loose ?? Array(world.n).keys(), (k, body) => [k, body]));
+    const count = this.bodyOf.size;
+    if (count === 0) return;
+    if (count > MOST_BODIES) {
+      const places = Float32Array.from([...this.bodyOf.keys()].flatMap((k) => [...world.positions.subarray(3 * k, 3 * k + 3)]));
       const geometry = new BufferGeometry();
-      geometry.setAttribute("position", new BufferAttribute(new Float32Array(world.positions), 3));
-      geometry.setAttribute("color", new BufferAttribute(new Float32Array(3 * world.n), 3));
+      geometry.setAttribute("position", new BufferAttribute(places, 3));
+      geometry.setAttribute("color", new BufferAttribute(new Float32Array(3 * count), 3));
       this.bodies = new Points(geometry, new PointsMaterial({ size: 3, sizeAttenuation: false, vertexColors: true }));
       this.stage.add(this.bodies);
       return;
     }
-    const radius = world.cellSize > 0 ? 0.45 * world.cellSize : 0.011 * this.size;
+    const radius = lattice ? Math.max(0.3 * lattice.size, 0.003 * this.size) : world.cellSize > 0 ? 0.45 * world.cellSize : 0.011 * this.size;
     const shape = world.normals ? new CircleGeometry(radius, 16) : new IcosahedronGeometry(radius, 1);
-    this.bodies = new InstancedMesh(shape, new MeshLambertMaterial({ side: DoubleSide }), world.n);
+    this.bodies = new InstancedMesh(shape, new MeshLambertMaterial({ side: DoubleSide }), count);
+    // On cells of their own colour they would hardly be seen.
+    const rims = lattice && new InstancedMesh(new CircleGeometry(1.3 * radius, 24), new MeshBasicMaterial({ color: 0x1a1a1a, side: DoubleSide }), count);
     const [matrix, turn, up] = [new Matrix4(), new Quaternion(), new Vector3(0, 0, 1)];
-    for (let k = 0; k < world.n; k++) {
+    for (const [k, body] of this.bodyOf) {
       if (world.normals) turn.setFromUnitVectors(up, new Vector3(...world.normals.subarray(3 * k, 3 * k + 3)));
-      matrix.compose(new Vector3(...world.positions.subarray(3 * k, 3 * k + 3)), turn, new Vector3(1, 1, 1));
-      this.bodies.setMatrixAt(k, matrix);
-      this.bodies.setColorAt(k, new Color(0xffffff));
+      const place = new Vector3(...world.positions.subarray(3 * k, 3 * k + 3));
+      rims?.setMatrixAt(body, matrix.makeTranslation(place.x, place.y, place.z + 0.001 * this.size));
+      if (lattice) place.z += 0.8 * radius;
+      matrix.compose(place, turn, new Vector3(1, 1, 1));
+      this.bodies.setMatrixAt(body, matrix);
+      this.bodies.setColorAt(body, new Color(0xffffff));
     }
     this.stage.add(this.bodies);
+    if (rims) this.stage.add(rims);
   }
 
   private addRegion(world: World, ink: string): void {
@@ -199,7 +211,7 @@ export class View3d {
     trail.frustumCulled = stem.frustumCulled = false;
     const label = sprite(String(agent + 1), colour, 1.5 * arm);
     this.stage.add(group, stem, waypoint, trail, label);
-    return { group, stem, label, waypoint, trail, points: 0 };
+    return { group, stem, label, waypoint, trail, path: null, points: 0 };
   }
 
   private buildObstacles(state: State): void {
@@ -231,16 +243,17 @@ export class View3d {
     if (this.ground) {
       cells.paint(state, changed, null);
       this.ground.needsUpdate = true;
-      return;
     }
-    const colour = new Color();
-    const all = changed ?? Array.from(state.owner.keys());
+    if (!bodies) return;
+    const [colour, paper] = [new Color(), new Color(readInks().paper)];
     const points = bodies instanceof Points ? (bodies.geometry.getAttribute("color") as BufferAttribute) : null;
-    for (const k of all) {
-      const { r, g, b } = cells.shade(state, k, null).colour;
-      colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace);
-      if (points) points.setXYZ(k, colour.r, colour.g, colour.b);
-      else if (bodies instanceof InstancedMesh) bodies.setColorAt(k, colour);
+    for (const k of changed ?? this.bodyOf.keys()) {
+      const body = this.bodyOf.get(k);
+      if (body === undefined) continue;
+      const { colour: { r, g, b }, alpha } = cells.shade(state, k, null);
+      colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace).lerp(paper, 1 - alpha);
+      if (points) points.setXYZ(body, colour.r, colour.g, colour.b);
+      else if (bodies instanceof InstancedMesh) bodies.setColorAt(body, colour);
     }
     if (points) points.needsUpdate = true;
     else if (bodies instanceof InstancedMesh && bodies.instanceColor) bodies.instanceColor.needsUpdate = true;
@@ -264,7 +277,8 @@ export class View3d {
       ends.needsUpdate = true;
       vehicle.stem.computeLineDistances();
       const path = session.timeline?.paths[agent];
-      if (path && path.x.length !== vehicle.points) {
+      if (path && (path !== vehicle.path || path.x.length !== vehicle.points)) {
+        vehicle.path = path;
         vehicle.points = path.x.length;
         vehicle.trail.geometry.dispose();
         vehicle.trail.geometry = new BufferGeometry();

@@ -101,7 +101,7 @@ export class Timeline {
   /** Whether x counts changes and offers instead of seconds: the times of a plan are milliseconds apart. */
   readonly byEvents: boolean;
   score: Series;
-  readonly flown: Series;
+  flown: Series;
   entries: Entry[] = [];
   readonly paths: Path[] = [];
   /** Triples x, client, server. */
@@ -110,6 +110,10 @@ export class Timeline {
   private traded: Int32Array = new Int32Array(0);
   steps = 0;
   last = 0;
+  /** How often all of it was replaced. */
+  restored = 0;
+  /** Whether vehicles were seen to fly: then committed poses are no part of their paths. */
+  private flies = false;
   private readonly bounded: boolean;
   private lastScore = NaN;
 
@@ -146,12 +150,13 @@ export class Timeline {
         this.addScore(x, update.score);
         this.addEntry({ x, time: update.time, kind: update.kind, agents: update.agents, text: update.text, score: update.score, gain });
         if (update.kind === "trade") this.addTrade(x, update.agents[0], update.agents[1]);
-        if (!state.flown) {
+        if (!this.flies) {
           for (const agent of update.posed) this.addPose(x, agent, state.poses);
         }
         break;
       }
       case "Motion":
+        this.flies = true;
         if (update.score_flown !== null) this.flown.add(x, update.score_flown);
         for (let agent = 0; agent < this.paths.length; agent++) this.addPose(x, agent, state.flown ?? state.poses);
         break;
@@ -174,6 +179,10 @@ export class Timeline {
     this.score = new Series(POINTS_OF_THE_CURVE);
     xs.forEach((x, i) => this.score.add(x, scores[i]));
     this.lastScore = scores.length ? scores[scores.length - 1] : NaN;
+    this.flown = new Series(POINTS_OF_THE_CURVE);
+    const flown = values(history.scores_flown);
+    values(history.times_flown).forEach((x, i) => this.flown.add(x, flown[i]));
+    this.restorePaths(history);
     let before = NaN;
     this.entries = history.changes.map((change) => {
       const gain = change.score - before;
@@ -184,6 +193,17 @@ export class Timeline {
     this.trades.length = 0;
     this.steps = history.step;
     this.last = this.byEvents ? history.step : Math.max(this.last, xs.length ? xs[xs.length - 1] : 0);
+  }
+
+  private restorePaths(history: History): void {
+    const [counts, xs, points] = [values(history.path_counts), values(history.path_x), values(history.path_points)];
+    let i = 0;
+    counts.forEach((count, agent) => {
+      const path = new Path(PATH_POINTS);
+      for (const end = i + count; i < end; i++) path.add(xs[i], points[3 * i], points[3 * i + 1], points[3 * i + 2]);
+      this.paths[agent] = path;
+    });
+    this.restored += 1;
   }
 
   /** How often each agent has traded with this one up to x, most often first. */
