@@ -105,7 +105,7 @@ def _observe(mission: Mission, plan: NetworkPlan, watch: Watcher, eyes: Eyes, in
     from covey.runtime.network.network_telling import NetworkTeller
     from covey.runtime.network.observer import Observer
     from covey.runtime.network.remote_agent import mission_codec
-    from covey.transports.zenoh import ZenohObserver
+    from covey.transports.zenoh_observer import ZenohObserver
 
     with closing(ZenohObserver(mission_codec(mission), plan.options)) as access:
         observer = Observer(mission, access, times=plan.times, late=True)

@@ -15,18 +15,19 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import cast
 
 import zenoh
 from zenoh.handlers import Callback
 
-from covey.errors import Drop
-from covey.protocol import OPERATOR, Catalogue, Change, Event, Heartbeat, Map, Message, Sender
+from covey.errors import Drop, NetworkError
+from covey.protocol import OPERATOR, Event, Heartbeat, Map, Message, Sender
 from covey.transports.codec import EVERYBODY, Channel, Codec, Content
 from covey.transports.inbox import Arrival, Inbox
 from covey.transports.network import NetworkOptions, mission_prefix, open_session
+from covey.transports.one_way import OneWayLinks
 from covey.transports.telemetry import Telemetry
 
 MOST_ASKED = 16
@@ -75,15 +76,20 @@ class ZenohTransport:
         self._maps: list[zenoh.Query] = []  # of those who asked for what this agent knows
         self._missions: set[str] = set()
         self._superseded = False
-        self._counts = {"unanswered": 0, "unsent": 0}
+        self._counts = {"unanswered": 0, "unsent": 0, "renewals": 0}
         self._closed = False
-        self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
-        agent = sender.agent
-        self._session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
-        self._session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
-        self._session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
-        self._session.declare_subscriber(f"{self._prefix}/change", Callback(self._on_change, indirect=False))
-        liveliness = self._session.liveliness()
+        self._options = options
+        self._links = OneWayLinks(options.lease)
+        self._session = self._join()
+
+    def _join(self) -> zenoh.Session:
+        options, codec, agent = self._options, self._codec, self.agent
+        session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
+        session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
+        session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
+        session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
+        session.declare_subscriber(f"{self._prefix}/change", Callback(self._on_change, indirect=False))
+        liveliness = session.liveliness()
         liveliness.declare_subscriber(
             f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
         )
@@ -91,7 +97,8 @@ class ZenohTransport:
             liveliness.declare_subscriber(
                 "covey/*/alive/*/*", Callback(self._on_any_token, indirect=False), history=True
             )
-        self._token = liveliness.declare_token(f"{self._prefix}/alive/{agent}/{sender.incarnation}")
+        self._token = liveliness.declare_token(f"{self._prefix}/alive/{agent}/{self.sender.incarnation}")
+        return session
 
     @property
     def agent(self) -> int:
@@ -119,6 +126,12 @@ class ZenohTransport:
         """How many messages the network did not take so far."""
         with self._lock:
             return self._counts["unsent"]
+
+    @property
+    def renewals(self) -> int:
+        """How often the network was joined anew because a link had come to lead one way so far."""
+        with self._lock:
+            return self._counts["renewals"]
 
     @property
     def peers(self) -> frozenset[Sender]:
@@ -207,7 +220,9 @@ class ZenohTransport:
 
     def receive(self) -> list[Message]:
         """Take what has arrived, in the order of arrival; of an agent's heartbeats only the newest."""
-        return cast("list[Message]", self._inbox.take())  # no events: they travel by a channel of their own
+        messages = cast("list[Message]", self._inbox.take())  # no events: they travel by a channel of their own
+        self._look_at_links(messages)
+        return messages
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, seconds at most; whether it has."""
@@ -219,9 +234,41 @@ class ZenohTransport:
             if self._closed:
                 return
             self._closed = True
+        self._inbox.close()
+        self._leave()
+
+    # Links that lead one way.
+
+    def _look_at_links(self, messages: Sequence[Message]) -> None:
+        now = time.monotonic()
+        with self._lock:
+            for agent in {message.sender.agent for message in messages if isinstance(message, Heartbeat)}:
+                self._links.hear(agent, now, token=self._tokens.get(agent, (0, False))[1])
+            must_renew = self._links.must_renew(now) and not self._closed
+        if must_renew:
+            self._renew()
+
+    def _renew(self) -> None:
+        """Join the network anew; what is sent meanwhile is lost."""
+        self._leave()
+        with self._lock:
+            self._tokens.clear()
+            self._counts["renewals"] += 1
+        try:
+            session = self._join()
+        except NetworkError:
+            with self._lock:
+                self._links.try_again(time.monotonic())
+            return
+        with self._lock:
+            self._session, closed = session, self._closed
+        if closed:
+            session.close()
+
+    def _leave(self) -> None:
+        with self._lock:
             queries = [query for query, _ in self._held.values()] + self._maps
             self._held, self._maps = {}, []
-        self._inbox.close()
         for query in queries:
             query.drop()
         self._session.close()
@@ -277,7 +324,7 @@ class ZenohTransport:
     # What comes in, on Zenoh's threads.
 
     def _on_query(self, query: zenoh.Query) -> None:
-        sender = _agent(str(query.key_expr))
+        sender = agent_of(str(query.key_expr))
         payload = query.payload
         if sender is None or payload is None or len(payload) > self._codec.max_bytes:
             self._inbox.count(Drop.MALFORMED if sender is None or payload is None else Drop.TOO_LONG)
@@ -308,7 +355,7 @@ class ZenohTransport:
             self._count("unanswered")
 
     def _on_state(self, sample: zenoh.Sample) -> None:
-        self._store(sample.payload, _agent(str(sample.key_expr)), Channel.STATE)
+        self._store(sample.payload, agent_of(str(sample.key_expr)), Channel.STATE)
 
     def _on_change(self, sample: zenoh.Sample) -> None:
         self._store(sample.payload, OPERATOR, Channel.CHANGE)
@@ -332,7 +379,7 @@ class ZenohTransport:
                 self._missions.add(prefix.partition("/")[2])
 
     def _store(self, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
-        _store(self._inbox, self._codec, payload, sender, channel)
+        store(self._inbox, self._codec, payload, sender, channel)
 
     # On the thread of whoever calls.
 
@@ -352,86 +399,6 @@ class ZenohTransport:
             return frozenset(Sender(agent, life) for agent, (life, there) in self._tokens.items() if there is present)
 
 
-class ZenohObserver:
-    """Hears states, events and telemetry of a mission and asks what agents know; an operator's says what has changed.
-
-    Parameters
-    ----------
-    codec : Codec
-        Of the mission.
-    options : NetworkOptions
-
-    Raises
-    ------
-    NetworkError
-        If the network cannot be joined.
-    """
-
-    def __init__(self, codec: Codec, options: NetworkOptions) -> None:
-        self._codec = codec
-        self._inbox = Inbox(codec, EVERYBODY)
-        self._timeout = options.answer_timeout
-        self._life = time.time_ns() // 1000  # as an operator; no two need to be in order
-        self._number = 0
-        self._session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
-        self._prefix = prefix = mission_prefix(codec.digest)
-        for channel in (Channel.STATE, Channel.LOG, Channel.TELEMETRY):
-            self._session.declare_subscriber(
-                f"{prefix}/{channel.value}/*", Callback(partial(self._on_sample, channel), indirect=False)
-            )
-
-    @property
-    def dropped(self) -> Mapping[Drop, int]:
-        """How many arrivals were dropped so far, by cause."""
-        return self._inbox.dropped
-
-    def receive(self) -> list[Heartbeat | Event | Map | Telemetry]:
-        """Take what has arrived, in the order of arrival; of an agent's heartbeats and telemetry only the newest."""
-        return cast(
-            "list[Heartbeat | Event | Map | Telemetry]", self._inbox.take()
-        )  # trades travel by a channel of their own
-
-    def ask_for_maps(self) -> None:
-        """Ask every agent what it knows; the answers arrive like all else."""
-        self._session.get(
-            f"{self._prefix}/map/*",
-            Callback(self._on_map, indirect=False),
-            timeout=self._timeout,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until something has arrived, seconds at most; whether it has."""
-        return self._inbox.wait(timeout)
-
-    def close(self) -> None:
-        """Leave: nothing arrives any more."""
-        self._inbox.close()
-        self._session.close()
-
-    def announce(self, news: Catalogue) -> None:
-        """Tell all agents of changes.  They may not hear of it, or not listen to it, so repeat it until maps show it.
-
-        Raises
-        ------
-        ArgumentError
-            If it is longer than the codec allows.
-        """
-        self._number += 1
-        change = Change(Sender(OPERATOR, self._life), news)
-        data = self._codec.encode(change, sender=change.sender, to=EVERYBODY, number=self._number)
-        self._session.put(f"{self._prefix}/change", data, congestion_control=zenoh.CongestionControl.BLOCK)
-
-    def _on_map(self, reply: zenoh.Reply) -> None:
-        sample = reply.ok
-        if isinstance(sample, zenoh.Sample):
-            _store(self._inbox, self._codec, sample.payload, _agent(str(sample.key_expr)), Channel.TRADE)
-
-    def _on_sample(self, channel: Channel, sample: zenoh.Sample) -> None:
-        _store(self._inbox, self._codec, sample.payload, _agent(str(sample.key_expr)), channel)
-
-
 def _answer(query: zenoh.Query, until: float, data: bytes) -> bool:
     """Send a message by the way of a query, if that still leads anywhere; whether it does."""
     with query:
@@ -441,7 +408,8 @@ def _answer(query: zenoh.Query, until: float, data: bytes) -> bool:
         return in_time
 
 
-def _store(inbox: Inbox, codec: Codec, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
+def store(inbox: Inbox, codec: Codec, payload: zenoh.ZBytes, sender: int | None, channel: Channel) -> None:
+    """Put what came from an agent by a channel into the inbox; what cannot be from anybody is counted."""
     if sender is None:
         inbox.count(Drop.MALFORMED)
     elif len(payload) > codec.max_bytes:
@@ -450,7 +418,7 @@ def _store(inbox: Inbox, codec: Codec, payload: zenoh.ZBytes, sender: int | None
         inbox.put(Arrival(payload.to_bytes(), sender, channel))
 
 
-def _agent(key: str) -> int | None:
+def agent_of(key: str) -> int | None:
     """Return the agent that a key ends with."""
     return _number(key.rpartition("/")[2])
 
@@ -459,4 +427,4 @@ def _number(text: str) -> int | None:
     return int(text) if text.isascii() and text.isdigit() and len(text) < 20 else None
 
 
-__all__ = ["ZenohObserver", "ZenohTransport"]
+__all__ = ["ZenohTransport", "agent_of", "store"]

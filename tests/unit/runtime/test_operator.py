@@ -43,7 +43,8 @@ from covey.runtime.records.record import read_result
 from covey.runtime.result import Progress
 from covey.runtime.watching.steering import Command, Kill, Revive, SetWeight, Steering
 from covey.transports.network import NetworkOptions
-from covey.transports.zenoh import ZenohObserver, ZenohTransport
+from covey.transports.zenoh import ZenohTransport
+from covey.transports.zenoh_observer import ZenohObserver
 
 LONGEST = 240.0
 """Seconds after which a launch is given up: much longer than it takes."""

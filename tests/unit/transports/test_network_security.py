@@ -30,7 +30,8 @@ from covey.protocol import (
 )
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.telemetry import Telemetry
-from covey.transports.zenoh import ZenohObserver, ZenohTransport
+from covey.transports.zenoh import ZenohTransport
+from covey.transports.zenoh_observer import ZenohObserver
 
 LONG_ENOUGH = 1.0
 """Seconds in which a stranger that is let in is long there: members take a few hundredths."""

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from functools import partial
@@ -36,7 +37,8 @@ from covey.protocol import (
 from covey.transports.codec import Codec
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.telemetry import Telemetry
-from covey.transports.zenoh import ZenohObserver, ZenohTransport
+from covey.transports.zenoh import ZenohTransport
+from covey.transports.zenoh_observer import ZenohObserver
 
 PREFIX = f"covey/{CODEC.digest.hex()}"
 
@@ -327,6 +329,61 @@ def test_a_silent_process_becomes_a_suspect_and_is_back_when_it_speaks() -> None
         require_answer(a, 1)
         assert a.suspects == frozenset()
         other.kill()
+
+
+def test_who_hears_somebody_without_a_token_joins_the_network_anew() -> None:
+    meeting_point, lease = free_endpoint(), 0.3
+    here = NetworkOptions(listen=(meeting_point,), lease=lease)
+    there = NetworkOptions(connect=(meeting_point,), lease=lease)
+    with (
+        closing(ZenohTransport(Sender(0, 1), CODEC, here)) as a,
+        closing(ZenohTransport(Sender(1, 1), CODEC, there)) as b,
+    ):
+        wait_until(lambda: a.peers == {Sender(1, 1)}, "agent 1 is there")
+        sequence = iter(range(10_000))
+
+        def renewals() -> int:
+            b.publish(beat(1, next(sequence)))
+            a.receive()
+            return a.renewals
+
+        for _ in range(5):
+            assert renewals() == 0
+        before = a._session.info.zid()
+        b._token.undeclare()
+        wait_until(renewals, "agent 0 gives its session up")
+        assert a._session.info.zid() != before
+        b._token = b._session.liveliness().declare_token(f"{PREFIX}/alive/1/1")
+        wait_until(lambda: a.peers == {Sender(1, 1)} and b.peers == {Sender(0, 1)}, "they meet again")
+        b.receive()
+        a.send(1, busy(0))
+        assert b.wait(30.0)
+        assert b.receive() == [busy(0)]
+        b.send(0, busy(1))
+        wait_until(lambda: busy(1) in a.receive(), "the answer comes back")
+        assert (a.renewals, b.renewals) == (1, 0)
+
+
+def test_a_session_that_cannot_be_renewed_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    meeting_point, lease = free_endpoint(), 0.3
+    options = NetworkOptions(listen=(meeting_point,), lease=lease)
+    joins = []
+
+    def deny(*arguments: object, **options: object) -> zenoh.Session:
+        joins.append(arguments)
+        raise NetworkError("the port is taken")
+
+    with closing(ZenohTransport(Sender(0, 1), CODEC, options)) as a:
+        a._links.try_again(time.monotonic())
+        with monkeypatch.context() as patched:
+            patched.setattr("covey.transports.zenoh.open_session", deny)
+            wait_until(lambda: a.receive() or len(joins) == 2, "it has been tried twice")
+            a.send(1, busy(0))
+            a.publish(beat(0, 1))
+            assert a.unsent == 2
+        other = NetworkOptions(connect=(meeting_point,), lease=lease)
+        with closing(ZenohTransport(Sender(1, 1), CODEC, other)) as b:
+            wait_until(lambda: a.receive() or b.peers == {Sender(0, 1)}, "agent 0 is back")
 
 
 def test_what_is_sent_after_closing_goes_nowhere(net: Net) -> None:

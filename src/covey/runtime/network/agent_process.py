@@ -29,7 +29,8 @@ from covey.runtime.network.remote_agent import LINGER, RemoteAgent, join_mission
 from covey.runtime.network.remote_vehicle import build_vehicle
 from covey.runtime.network.warm_up import warm_up
 from covey.transports.network import report_refusals
-from covey.transports.zenoh import ZenohObserver, ZenohTransport
+from covey.transports.zenoh import ZenohTransport
+from covey.transports.zenoh_observer import ZenohObserver
 
 ASK_TICK = 0.1
 """How long who asks for itself listens at a time, seconds."""
@@ -99,7 +100,8 @@ class AgentReport:
         Trades that it committed as client, and how often it looked for a better pose.
     dropped : dict of str to int
         Arrivals that were dropped, by cause.
-    unanswered, unsent : int
+    unanswered, unsent, renewals : int
+        As `ZenohTransport` counts them.
     other_missions : list of str
         Digests of other missions on the same network.
     longest_silence : float
@@ -118,6 +120,7 @@ class AgentReport:
     dropped: dict[str, int]
     unanswered: int
     unsent: int
+    renewals: int
     other_missions: list[str]
     longest_silence: float
     start_s: dict[str, float] = field(default_factory=dict)
@@ -286,6 +289,7 @@ class _Life:
                 dropped=dict(dropped),
                 unanswered=transport.unanswered,
                 unsent=transport.unsent,
+                renewals=transport.renewals,
                 other_missions=sorted(transport.other_missions),
                 longest_silence=agent.longest_silence,
                 start_s=self._start_s,

@@ -29,7 +29,7 @@ from covey.runtime.result import Deployment, PlanStatus, Progress
 from covey.runtime.team import standing_results
 from covey.runtime.watching.steering import Kill, Request, Revive, SetWeight, Steering
 from covey.transports.ports import free_endpoints
-from covey.transports.zenoh import ZenohObserver
+from covey.transports.zenoh_observer import ZenohObserver
 
 TICK = 0.05
 """How long to listen at a time, seconds."""

@@ -35,7 +35,7 @@ ASK_AT_LAST = 0.1
 
 
 class Access(Protocol):
-    """What an observer needs of the network; see `covey.transports.zenoh.ZenohObserver`."""
+    """What an observer needs of the network; see `covey.transports.zenoh_observer.ZenohObserver`."""
 
     @property
     def dropped(self) -> Mapping[Drop, int]:

@@ -16,7 +16,7 @@ from covey.runtime.network.network_file import NetworkPlan
 from covey.runtime.network.observed_team import ObservedTeam
 from covey.runtime.network.observer import Observer
 from covey.runtime.network.remote_agent import mission_codec
-from covey.transports.zenoh import ZenohObserver
+from covey.transports.zenoh_observer import ZenohObserver
 
 TICK = 0.05
 """How long to listen at a time, seconds."""
@@ -29,7 +29,7 @@ TELL_EVERY = 1.0
 
 
 class Megaphone(Protocol):
-    """What an operator needs of the network; see `covey.transports.zenoh.ZenohObserver`."""
+    """What an operator needs of the network; see `covey.transports.zenoh_observer.ZenohObserver`."""
 
     def announce(self, news: Catalogue) -> None:
         """Tell all agents of changes."""
