@@ -129,7 +129,7 @@ class ZenohTransport:
 
     @property
     def renewals(self) -> int:
-        """How often the network was joined anew because a link had come to lead one way so far."""
+        """How often the network was joined anew because a link no longer led both ways so far."""
         with self._lock:
             return self._counts["renewals"]
 
@@ -237,14 +237,15 @@ class ZenohTransport:
         self._inbox.close()
         self._leave()
 
-    # Links that lead one way.
+    # Links that no longer lead both ways.
 
     def _look_at_links(self, messages: Sequence[Message]) -> None:
         now = time.monotonic()
         with self._lock:
-            for agent in {message.sender.agent for message in messages if isinstance(message, Heartbeat)}:
-                self._links.hear(agent, now, token=self._tokens.get(agent, (0, False))[1])
-            must_renew = self._links.must_renew(now) and not self._closed
+            for message in messages:
+                if isinstance(message, Heartbeat):
+                    self._links.hear(message.sender, now)
+            must_renew = not self._closed and self._links.must_renew(self._tokens, now)
         if must_renew:
             self._renew()
 

@@ -1,72 +1,93 @@
-"""When a link is taken to lead one way only."""
+"""When a link is taken not to lead both ways."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from covey.protocol import Sender
 from covey.transports.one_way import RENEW_PAUSE, OneWayLinks
 
-LEASE = 2.0
+LEASE, BEAT = 2.0, 0.25
+RED = Sender(1, 1)
+PRESENT, LOST = {1: (1, True)}, {1: (1, False)}
+
+
+class Life:
+    """A link's two sides of the news, over time."""
+
+    def __init__(self) -> None:
+        self.links = OneWayLinks(LEASE)
+        self.now = 0.0
+        self.renewed: list[float] = []
+
+    def pass_by(
+        self, seconds: float, tokens: dict[int, tuple[int, bool]], *, heard: Sender | None = None
+    ) -> list[float]:
+        """Let time pass; return when the session was renewed meanwhile."""
+        before = len(self.renewed)
+        for _ in np.arange(0.0, seconds, BEAT):
+            self.now += BEAT
+            if heard is not None:
+                self.links.hear(heard, self.now)
+            if self.links.must_renew(tokens, self.now):
+                self.renewed.append(self.now)
+        return self.renewed[before:]
 
 
 @pytest.fixture
-def links() -> OneWayLinks:
-    return OneWayLinks(LEASE)
+def life() -> Life:
+    return Life()
 
 
-def hear(links: OneWayLinks, begin: float, end: float, *, token: bool, agent: int = 1) -> None:
-    """Let heartbeats come four times a second."""
-    for now in np.arange(begin, end + 1e-9, 0.25):
-        links.hear(agent, float(now), token=token)
+@pytest.mark.parametrize("tokens", [LOST, {}, {2: (1, True)}])
+def test_who_is_heard_for_a_lease_without_a_token_is_a_reason(life: Life, tokens: dict[int, tuple[int, bool]]) -> None:
+    assert life.pass_by(20.0, PRESENT, heard=RED) == []
+    assert life.pass_by(LEASE, tokens, heard=RED) == []
+    assert life.pass_by(BEAT, tokens, heard=RED) == [20.0 + LEASE + BEAT]
 
 
-def test_who_is_heard_for_a_lease_without_a_token_is_a_reason(links: OneWayLinks) -> None:
-    hear(links, 0.0, LEASE - 0.25, token=False)
-    assert not links.must_renew(LEASE - 0.25)
-    links.hear(1, LEASE, token=False)
-    assert links.must_renew(LEASE)
-    assert not links.must_renew(LEASE), "the caller has renewed it"
+def test_who_falls_silent_while_its_token_stays_is_a_reason(life: Life) -> None:
+    assert life.pass_by(20.0, PRESENT, heard=RED) == []
+    assert life.pass_by(2.0 * LEASE - BEAT, PRESENT) == []
+    assert life.pass_by(BEAT, PRESENT) == [20.0 + 2.0 * LEASE]
 
 
-def test_a_token_that_comes_late_is_none(links: OneWayLinks) -> None:
-    hear(links, 0.0, LEASE - 0.25, token=False)
-    links.hear(1, LEASE, token=True)
-    hear(links, LEASE + 0.25, 2.0 * LEASE, token=False)
-    assert not links.must_renew(2.0 * LEASE)
+def test_who_dies_or_was_never_heard_is_none(life: Life) -> None:
+    assert life.pass_by(20.0, PRESENT) == []
+    assert life.pass_by(20.0, PRESENT, heard=RED) == []
+    assert life.pass_by(0.5 * LEASE, LOST, heard=RED) == [], "its last words"
+    assert life.pass_by(100.0, LOST) == []
 
 
-def test_the_last_words_of_the_dead_are_none(links: OneWayLinks) -> None:
-    hear(links, 0.0, 0.5, token=False)
-    assert not links.must_renew(100.0)
-    links.hear(1, 100.0, token=False)
-    assert not links.must_renew(100.0), "it was not heard in between"
+def test_a_token_that_comes_late_or_a_word_in_time_is_none(life: Life) -> None:
+    assert life.pass_by(LEASE, LOST, heard=RED) == []
+    for _ in range(10):
+        assert life.pass_by(1.5 * LEASE, PRESENT) == []
+        assert life.pass_by(BEAT, PRESENT, heard=RED) == []
 
 
-def test_several_are_told_apart(links: OneWayLinks) -> None:
-    for agent, now in enumerate(np.arange(0.0, 2.0 * LEASE, 0.25)):
-        links.hear(agent, float(now), token=False)
-    assert not links.must_renew(2.0 * LEASE)
-    begin = 3.0 * LEASE
-    hear(links, begin, begin + LEASE, token=True, agent=1)
-    hear(links, begin, begin + LEASE, token=False, agent=2)
-    assert links.must_renew(begin + LEASE)
+def test_a_new_life_begins_from_nothing(life: Life) -> None:
+    again = {1: (2, True)}
+    assert life.pass_by(20.0, PRESENT, heard=RED) == []
+    assert life.pass_by(100.0, again) == [], "it has not begun to speak"
+    assert life.pass_by(LEASE, again, heard=RED) == [], "what the old life said came late"
+    assert life.pass_by(20.0, again, heard=Sender(1, 2)) == []
+    assert len(life.pass_by(2.0 * LEASE, again)) == 1
 
 
-def test_a_session_that_is_no_better_is_renewed_at_long_intervals(links: OneWayLinks) -> None:
-    renewed = []
-    for now in np.arange(0.0, 40.0 * LEASE, 0.25):
-        links.hear(1, float(now), token=False)
-        if links.must_renew(float(now)):
-            renewed.append(float(now))
-    assert renewed[0] == LEASE
+def test_a_token_of_an_older_life_is_not_the_token_of_who_is_heard(life: Life) -> None:
+    assert len(life.pass_by(LEASE + BEAT, PRESENT, heard=Sender(1, 2))) == 1
+
+
+def test_a_session_that_is_no_better_is_renewed_at_long_intervals(life: Life) -> None:
+    renewed = life.pass_by(40.0 * LEASE, LOST, heard=RED)
+    assert len(renewed) > 3
     assert np.diff(renewed).min() >= RENEW_PAUSE * LEASE
 
 
-def test_what_failed_is_tried_again_a_lease_later(links: OneWayLinks) -> None:
-    hear(links, 0.0, LEASE, token=False)
-    assert links.must_renew(LEASE)
-    links.try_again(LEASE + 0.5)
-    assert not links.must_renew(2.0 * LEASE)
-    assert links.must_renew(2.0 * LEASE + 0.5)
-    assert not links.must_renew(100.0 * LEASE), "this time it did not fail"
+def test_what_failed_is_tried_again_a_lease_later(life: Life) -> None:
+    assert len(life.pass_by(LEASE + BEAT, LOST, heard=RED)) == 1
+    failed = life.now
+    life.links.try_again(failed)
+    assert life.pass_by(10.0 * LEASE, LOST) == [failed + LEASE], "and the second time it did not fail"

@@ -10,7 +10,7 @@ import type { Entry } from "./timeline";
 
 const LOG_SHOWN = 100;
 const STATES: [string, string][] = [
-  ["idle", "·"], ["asking", "?"], ["offering", "↔"], ["flying", "➤"], ["at rest", "✓"], ["not heard", "!"], ["dead", "✕"], ["gone", "–"],
+  ["idle", "·"], ["asking", "?"], ["offering", "↔"], ["flying", "➤"], ["at rest", "✓"], ["not heard", "!"], ["dead", "✕"], ["absent", "–"],
 ];
 const STATE_NAMES = Object.keys(Activity);
 
