@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 
@@ -59,3 +62,28 @@ def settle_team(team: Sequence[ZenohTransport]) -> None:
         if arrived != last:
             last, since = arrived, time.monotonic()
         time.sleep(0.005)
+
+
+CHILD = """
+    import sys
+    from covey.protocol import Abort, Busy, Reason, Sender, TradeId
+    from covey.transports.codec import Codec
+    from covey.transports.network import NetworkOptions
+    from covey.transports.zenoh import ZenohTransport
+
+    codec = Codec(bytes.fromhex(sys.argv[1]), agents=int(sys.argv[2]), landmarks=int(sys.argv[3]))
+    options = NetworkOptions(connect=(sys.argv[4],), lease=float(sys.argv[5]))
+    transport = ZenohTransport(Sender(1, 1), codec, options)
+    while True:
+        transport.wait(60.0)
+        for message in transport.receive():
+            if isinstance(message, Abort):
+                sys.exit()
+            transport.send(0, Busy(Sender(1, 1), message.trade))
+"""
+
+
+def child(codec: Codec, meeting_point: str, *, lease: float = 10.0) -> subprocess.Popen[bytes]:
+    """Agent 1 in a process of its own; it says BUSY to everything, and leaves when it hears ABORT."""
+    arguments = [codec.digest.hex(), str(codec.agents), str(codec.landmarks), meeting_point, str(lease)]
+    return subprocess.Popen([sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), *arguments])

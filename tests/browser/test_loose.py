@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tests.browsing import WHITE, Serve, Shown, expected_cells
 
 from covey.environment import Landmarks
+from covey.environment.lattice import find_lattice
 from covey.playground.sample import sample_feed
 from covey.playground.server import PlaygroundServer
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.palette import rgb
 from covey.runtime.watching.feed import ChangeKind, Scene, TeamChange, TeamState, Trading, Update
 from covey.runtime.watching.steering import SetWeight, Steering

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from covey.coverage import TeamBound
 from covey.coverage.certificate import Certificate
-from covey.runtime.drawing.lattice import find_lattice
+from covey.environment.lattice import find_lattice
 from covey.runtime.drawing.palette import colours
 from covey.runtime.records.record import FILES
 from covey.runtime.result import Baseline, Deployment, FlightReport

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from covey.coverage import transfer
 from covey.environment import Landmarks
+from covey.environment.lattice import find_lattice
 from covey.errors import InputError
 from covey.geometry import Pose2, Region
 from covey.mission import AgentSpec, Mission, OptimizerName, SensorSpec, Trade, read_agent
@@ -202,6 +203,8 @@ class TeamPlanner:
             if normals is not None and (record.normal_x or record.normal_y):
                 normals[k] = record.normal_x, record.normal_y
         self.landmarks = Landmarks(positions, weights, normals, self.landmarks.cell_size)
+        if find_lattice(self.landmarks) is None:  # hardly any of them are cells any more
+            self.landmarks = replace(self.landmarks, cell_size=None)
         self.weights = self.landmarks.weights
         self.alive = catalogue.alive(self._began_with[0], n)
         for seen in self._seen:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import json
 import re
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +21,9 @@ QUEUE = 16
 
 LONGEST_WAIT = 0.05
 """How long a message may wait for room in a full queue before it is dropped, seconds."""
+
+FAREWELL = 0.5
+"""How long to wait, seconds, until what was said has been sent."""
 
 _ENDPOINT = re.compile(r"((tcp|tls|quic|udp|ws)/\S+:\d{1,5}|(unixsock-stream|unixpipe|vsock|serial)/\S+)([?#]\S*)?")
 
@@ -98,6 +103,8 @@ class NetworkOptions:
         Whether to look for others on the local network.
     lease : float
         A peer that falls silent for this long, seconds, is taken for lost.
+    silence : float
+        Who takes part is heard more often than this, seconds; on a link that is as it should be.
     answer_timeout : float
         How long, seconds, an answer may take to come back by the way of its question; a later one goes by itself.
     credentials : Credentials, optional
@@ -117,12 +124,13 @@ class NetworkOptions:
     connect: tuple[str, ...] = ()
     multicast: bool = False
     lease: float = 10.0
+    silence: float = 10.0
     answer_timeout: float = 10.0
     credentials: Credentials | None = None
     access: AccessList | None = field(default=None)
 
     def __post_init__(self) -> None:
-        for name in ("lease", "answer_timeout"):
+        for name in ("lease", "silence", "answer_timeout"):
             if not getattr(self, name) > 0.0:
                 raise ArgumentError(f"{name}: expected more than 0, got {getattr(self, name)}")
         for endpoint in (*(self.listen or ()), *self.connect):
@@ -288,6 +296,18 @@ def open_session(options: NetworkOptions, digest: bytes, *, max_bytes: int) -> z
         raise NetworkError(f"cannot join the network: {_SOURCE.sub('', str(error))}") from error
 
 
+def leave_session(session: zenoh.Session) -> None:
+    """Leave the network; wait for `FAREWELL` at most, for Zenoh waits 10 s for each peer that does not read."""
+
+    def close() -> None:
+        with contextlib.suppress(zenoh.ZError):
+            session.close()
+
+    leaving = threading.Thread(target=close, daemon=True, name="covey leaves")
+    leaving.start()
+    leaving.join(FAREWELL)
+
+
 def report_refusals() -> None:
     """Have Zenoh say on standard output whom TLS does not let in, for the rest of the process.
 
@@ -322,7 +342,7 @@ class Router:
 
     def close(self) -> None:
         """Leave the network."""
-        self._session.close()
+        leave_session(self._session)
 
 
 __all__ = [
@@ -333,6 +353,7 @@ __all__ = [
     "NetworkOptions",
     "Router",
     "is_endpoint",
+    "leave_session",
     "open_session",
     "report_refusals",
 ]

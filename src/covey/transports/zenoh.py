@@ -26,8 +26,8 @@ from covey.errors import Drop, NetworkError
 from covey.protocol import OPERATOR, Event, Heartbeat, Map, Message, Sender
 from covey.transports.codec import EVERYBODY, Channel, Codec, Content
 from covey.transports.inbox import Arrival, Inbox
-from covey.transports.network import NetworkOptions, mission_prefix, open_session
-from covey.transports.one_way import OneWayLinks
+from covey.transports.links import Links
+from covey.transports.network import NetworkOptions, leave_session, mission_prefix, open_session
 from covey.transports.telemetry import Telemetry
 
 MOST_ASKED = 16
@@ -72,19 +72,26 @@ class ZenohTransport:
         self._lock = threading.Lock()
         self._number = 0
         self._held: dict[int, tuple[zenoh.Query, float]] = {}  # by asker: what to answer by, and until when
-        self._tokens: dict[int, tuple[int, bool]] = {}  # by agent: its newest life, and whether its token is there
         self._maps: list[zenoh.Query] = []  # of those who asked for what this agent knows
         self._missions: set[str] = set()
         self._superseded = False
         self._counts = {"unanswered": 0, "unsent": 0, "renewals": 0}
         self._closed = False
         self._options = options
-        self._links = OneWayLinks(options.lease)
+        self._links = Links(options.lease, options.silence)
         self._session = self._join()
 
     def _join(self) -> zenoh.Session:
-        options, codec, agent = self._options, self._codec, self.agent
-        session = open_session(options, codec.digest, max_bytes=codec.max_bytes)
+        session = open_session(self._options, self._codec.digest, max_bytes=self._codec.max_bytes)
+        try:
+            self._declare(session)
+        except zenoh.ZError as error:
+            leave_session(session)
+            raise NetworkError(f"cannot join the network: {error}") from error
+        return session
+
+    def _declare(self, session: zenoh.Session) -> None:
+        agent = self.agent
         session.declare_queryable(f"{self._prefix}/trade/{agent}/*", Callback(self._on_query, indirect=False))
         session.declare_queryable(f"{self._prefix}/map/{agent}", Callback(self._on_map_query, indirect=False))
         session.declare_subscriber(f"{self._prefix}/state/*", Callback(self._on_state, indirect=False))
@@ -93,12 +100,11 @@ class ZenohTransport:
         liveliness.declare_subscriber(
             f"{self._prefix}/alive/*/*", Callback(self._on_token, indirect=False), history=True
         )
-        if options.access is None:  # an access list hides other missions anyway
+        if self._options.access is None:  # an access list hides other missions anyway
             liveliness.declare_subscriber(
                 "covey/*/alive/*/*", Callback(self._on_any_token, indirect=False), history=True
             )
         self._token = liveliness.declare_token(f"{self._prefix}/alive/{agent}/{self.sender.incarnation}")
-        return session
 
     @property
     def agent(self) -> int:
@@ -136,12 +142,12 @@ class ZenohTransport:
     @property
     def peers(self) -> frozenset[Sender]:
         """The other agents whose tokens are there, each in its newest life."""
-        return self._by_token(present=True)
+        return self._links.peers
 
     @property
     def suspects(self) -> frozenset[Sender]:
         """The other agents whose tokens were there and are lost: by death, or because the way to them broke."""
-        return self._by_token(present=False)
+        return self._links.suspects
 
     @property
     def superseded(self) -> bool:
@@ -237,34 +243,27 @@ class ZenohTransport:
         self._inbox.close()
         self._leave()
 
-    # Links that no longer lead both ways.
-
     def _look_at_links(self, messages: Sequence[Message]) -> None:
         now = time.monotonic()
-        with self._lock:
-            for message in messages:
-                if isinstance(message, Heartbeat):
-                    self._links.hear(message.sender, now)
-            must_renew = not self._closed and self._links.must_renew(self._tokens, now)
-        if must_renew:
+        for message in messages:
+            if isinstance(message, Heartbeat):
+                self._links.hear(message.sender, now)
+        if self._links.must_renew(now):
             self._renew()
 
     def _renew(self) -> None:
         """Join the network anew; what is sent meanwhile is lost."""
         self._leave()
-        with self._lock:
-            self._tokens.clear()
-            self._counts["renewals"] += 1
         try:
             session = self._join()
         except NetworkError:
-            with self._lock:
-                self._links.try_again(time.monotonic())
+            self._links.try_again(time.monotonic())
             return
+        self._count("renewals")
         with self._lock:
             self._session, closed = session, self._closed
         if closed:
-            session.close()
+            leave_session(session)
 
     def _leave(self) -> None:
         with self._lock:
@@ -272,7 +271,7 @@ class ZenohTransport:
             self._held, self._maps = {}, []
         for query in queries:
             query.drop()
-        self._session.close()
+        leave_session(self._session)
 
     # What goes out.
 
@@ -362,16 +361,14 @@ class ZenohTransport:
         self._store(sample.payload, OPERATOR, Channel.CHANGE)
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        *_, agent_name, incarnation_name = str(sample.key_expr).split("/")
-        agent, incarnation = _number(agent_name), _number(incarnation_name)
-        if agent is None or incarnation is None or agent >= self._codec.agents:
+        whose, present = token_of(sample)
+        if whose is None or whose.agent >= self._codec.agents:
             self._inbox.count(Drop.MALFORMED)
-            return
-        with self._lock:
-            if agent == self.agent:
-                self._superseded |= incarnation > self.sender.incarnation and sample.kind == zenoh.SampleKind.PUT
-            elif incarnation >= self._tokens.get(agent, (-1, False))[0]:
-                self._tokens[agent] = incarnation, sample.kind == zenoh.SampleKind.PUT
+        elif whose.agent != self.agent:
+            self._links.see(whose, present=present)
+        elif present and whose.incarnation > self.sender.incarnation:
+            with self._lock:
+                self._superseded = True
 
     def _on_any_token(self, sample: zenoh.Sample) -> None:
         prefix = str(sample.key_expr).partition("/alive/")[0]
@@ -394,10 +391,6 @@ class ZenohTransport:
             self._held[sender] = query, time.monotonic() + 0.5 * self._timeout
         if old is not None:
             old[0].drop()
-
-    def _by_token(self, *, present: bool) -> frozenset[Sender]:
-        with self._lock:
-            return frozenset(Sender(agent, life) for agent, (life, there) in self._tokens.items() if there is present)
 
 
 def _answer(query: zenoh.Query, until: float, data: bytes) -> bool:
@@ -424,8 +417,16 @@ def agent_of(key: str) -> int | None:
     return _number(key.rpartition("/")[2])
 
 
+def token_of(sample: zenoh.Sample) -> tuple[Sender | None, bool]:
+    """Return whose liveliness token has come or gone, None for nobody's, and whether it has come."""
+    *_, agent_name, incarnation_name = str(sample.key_expr).split("/")
+    agent, incarnation = _number(agent_name), _number(incarnation_name)
+    whose = None if agent is None or incarnation is None else Sender(agent, incarnation)
+    return whose, sample.kind == zenoh.SampleKind.PUT
+
+
 def _number(text: str) -> int | None:
     return int(text) if text.isascii() and text.isdigit() and len(text) < 20 else None
 
 
-__all__ = ["ZenohTransport", "agent_of", "store"]
+__all__ = ["ZenohTransport", "agent_of", "store", "token_of"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from covey.environment import Landmarks
+from covey.environment.lattice import find_lattice
 from covey.geometry import Region
 from covey.runtime.drawing import figures
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.palette import colours
 from covey.runtime.result import Deployment
 from covey.sensing.registry import build_model

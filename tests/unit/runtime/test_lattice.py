@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from covey.cli.summary import _pixels
 from covey.environment import GeoReference, Landmarks
+from covey.environment.lattice import find_lattice
 from covey.mission import parse_mission
 from covey.runtime.drawing.film_map import Ground
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.map_drawing import draw_map
 from covey.runtime.drawing.palette import colours, rgb
 from covey.runtime.drawing.record_film import RecordFrames
@@ -106,6 +106,20 @@ def test_cells_stay_cells_when_points_are_added(told: Told) -> None:
     assert lattice.loose.tolist() == [64, 65]
     np.testing.assert_array_equal(lattice.index, np.arange(64).reshape(8, 8))
     assert [item.cell_size for item in feed if isinstance(item, Scene)] == [0.5, 0.5]
+
+
+def test_landmarks_of_which_hardly_any_are_cells_are_points() -> None:
+    box = {"x_m": [-1, 1], "y_m": [-1, 1]}
+    document = {
+        "schema_version": 1,
+        "name": "points",
+        "environment": {"landmarks": {"grid": {**box, "spacing_m": 1.0}}, "region": {"box": box}},
+        "agents": [{"name": "a", "pose": {"x_m": -1, "y_m": 0}}, {"name": "b", "pose": {"x_m": 1, "y_m": 0}}],
+        "changes": [{"add": {"points": [[0.1 * k, 0.2] for k in range(5)]}}],
+    }
+    deployment = plan(parse_mission(json.dumps(document), format="json"))
+    assert len(deployment.mission.landmarks) == 9
+    assert deployment.mission.landmarks.cell_size is None
 
 
 def shown_points(ax: Axes, deployment: Deployment) -> int:

@@ -1,4 +1,4 @@
-"""Real processes over a real network: they settle with a proof, whoever dies and whoever listens in."""
+"""Real processes over a real network: they settle with a proof, whoever dies."""
 
 from __future__ import annotations
 
@@ -8,67 +8,39 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
-from tests.certificates import Authority
-from tests.net import PATIENCE, free_endpoint, wait_until
+from tests.net import free_endpoint, wait_until
+from tests.unit.runtime.launched import LONGEST, check, write_small
 from tests.unit.runtime.small import check_deployment, small
 
 from covey.cli.main import main
 from covey.errors import NetworkError
-from covey.mission import Mission, load_mission, mission_digest
-from covey.protocol import Heartbeat, PoseRecord, Sender
+from covey.mission import load_mission, mission_digest
+from covey.protocol import Sender
 from covey.runtime.certify import certify
 from covey.runtime.network import launch as launching
-from covey.runtime.network.launch import Blow, LaunchOptions, LaunchReport, launch
-from covey.runtime.network.network_file import NetworkPlan, load_network
+from covey.runtime.network.launch import Blow, LaunchOptions, launch
+from covey.runtime.network.network_file import NetworkPlan
 from covey.runtime.network.network_telling import NetworkTeller
 from covey.runtime.network.observer import Observer
 from covey.runtime.network.remote_agent import NETWORK_TIMES, mission_codec
 from covey.runtime.records.record import read_result
-from covey.runtime.result import Deployment, PlanStatus, Progress
+from covey.runtime.result import PlanStatus, Progress
 from covey.runtime.watching.feed import Activity, Health, Motion, Scene, Update
-from covey.transports.codec import Codec
-from covey.transports.network import Credentials, NetworkOptions, mission_prefix
+from covey.transports.network import NetworkOptions
 from covey.transports.zenoh import ZenohTransport
-
-LONGEST = 240.0
-"""Seconds after which a launch is given up: much longer than it takes."""
-
-LONG_ENOUGH = (Blow(0, 3.0, signal.SIGCONT),)
-"""A signal that does nothing: until it has come, and some seconds more, the mission is not called over."""
-
-UNOWNED = NETWORK_TIMES.dead_after + 2.0
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """The file of a small mission."""
-    file = tmp_path / "small.json"
-    file.write_text(json.dumps(small().source), "utf-8")
-    return file
-
-
-def check(deployment: Deployment, report: LaunchReport) -> None:
-    """Check what holds for every launch that came to its end."""
-    assert report.settled
-    assert deployment.status is PlanStatus.SETTLED
-    assert deployment.certificate is not None
-    assert deployment.certificate.holds, deployment.certificate.violations
-    assert certify(deployment).holds
-    owned = np.concatenate([agent.landmarks for agent in deployment.agents])
-    assert np.array_equal(np.sort(owned), np.arange(len(deployment.mission.landmarks)))
-    said = [line for one in report.exits for line in one.stderr]
-    assert not [line for line in said if "Traceback" in line or "Error" in line], said
-    assert report.longest_unowned <= UNOWNED
+    return write_small(tmp_path)
 
 
 def test_a_team_of_processes_plans_a_mission(path: Path) -> None:
@@ -166,127 +138,6 @@ def test_missions_survive_kills_and_stops(path: Path, seeds: Callable[[int, int]
         deployment, report = launch(mission, path, LaunchOptions(restart=True, blows=blows, timeout=LONGEST))
         check(deployment, report)
         assert all(agent.landmarks.size for agent in deployment.agents), f"seed {seed}"
-
-
-class Stranger(threading.Thread):
-    """Somebody on the network who is up to no good, until the mission is over."""
-
-    def __init__(self, mission: Mission, endpoints: Sequence[str], credentials: Credentials | None = None) -> None:
-        super().__init__(daemon=True)
-        self.mission = mission
-        self.endpoints = tuple(endpoints)
-        self.credentials = credentials
-        self.stopped = threading.Event()
-        self.replayed = 0
-
-    def run(self) -> None:
-        codec = mission_codec(self.mission)
-        other = Codec(bytes(16), agents=codec.agents, landmarks=codec.landmarks)
-        prefix = mission_prefix(codec.digest)
-        options = NetworkOptions(connect=self.endpoints, credentials=self.credentials)
-        elsewhere = ZenohTransport(Sender(0, 1), other, options)
-        overheard: list[tuple[str, bytes]] = []
-        session = elsewhere._session
-
-        def overhear(sample: zenoh.Sample) -> None:
-            if len(overheard) < 50:
-                overheard.append((str(sample.key_expr), sample.payload.to_bytes()))
-
-        session.declare_subscriber(f"{prefix}/state/*", overhear, allowed_origin=zenoh.Locality.REMOTE)
-        pose = PoseRecord(99, 99, self.mission.agents[0].pose)
-        while not self.stopped.wait(0.02):
-            for agent in range(len(self.mission.agents)):
-                lie = Heartbeat(Sender(0, 2**40), 1, True, 1, pose, {}, {}, b"12345678")
-                foreign = other.encode(lie, sender=lie.sender, number=1)
-                impostor = codec.encode(lie, sender=Sender((agent + 1) % len(self.mission.agents), 1), number=1)
-                for data in (b"", b"garbage", os.urandom(200), foreign, impostor):
-                    session.put(f"{prefix}/state/{agent}", data)
-                    session.put(f"{prefix}/log/{agent}", data)
-                    session.put(f"{prefix}/change", data)
-                    session.get(f"{prefix}/trade/{agent}/1", zenoh.handlers.FifoChannel(4), payload=data, timeout=1.0)
-            for key, data in list(overheard):
-                self.replayed += 1
-                session.put(key, data)
-        elsewhere.close()
-
-    def stop(self) -> None:
-        """Leave."""
-        self.stopped.set()
-        self.join(PATIENCE)
-
-
-@contextmanager
-def strangers() -> Iterator[list[Stranger]]:
-    there: list[Stranger] = []
-    try:
-        yield there
-    finally:
-        for stranger in there:
-            stranger.stop()
-
-
-def test_a_stranger_changes_nothing_and_is_reported(path: Path) -> None:
-    mission = load_mission(path)
-    with strangers() as there:
-
-        def invite(endpoints: Sequence[str]) -> None:
-            there.append(Stranger(mission, endpoints))
-            there[0].start()
-
-        options = LaunchOptions(blows=LONG_ENOUGH, timeout=LONGEST)
-        deployment, report = launch(mission, path, options, on_endpoints=invite)
-        assert there[0].replayed > 0
-    check(deployment, report)
-    check_deployment(deployment)
-    assert report.died == ()
-    counts = report.strangers
-    assert {"malformed", "another mission", "impostor", "replayed"} <= set(counts), counts
-    assert all(agent["dropped"].get("malformed") for agent in report.agents)
-    assert all(agent["other_missions"] == [bytes(16).hex()] for agent in report.agents)
-    assert not [entry for entry in deployment.history if entry.event in ("death", "return", "abandoned")]
-
-
-def secure(folder: Path, authority: Authority, names: Sequence[str]) -> Path:
-    """Write a network file of a team with certificates."""
-    for name in (*names, "observer"):
-        files = authority.issue(name)
-        files.certificate.rename(folder / f"{name}.pem")
-        files.key.rename(folder / f"{name}.key")
-    agents = ", ".join(f'{name} = "{name}"' for name in names)
-    text = f"""
-        [credentials]
-        authority = "{authority.path.name}"
-        certificate = "{{name}}.pem"
-        key = "{{name}}.key"
-        [access]
-        agents = {{{agents}}}
-        observers = ["observer"]
-    """
-    (folder / "net.toml").write_text(text, "utf-8")
-    return folder / "net.toml"
-
-
-def test_with_certificates_a_stranger_is_not_even_let_in(path: Path, tmp_path: Path) -> None:
-    mission = load_mission(path)
-    authority, forger = Authority(tmp_path), Authority(tmp_path, "forger")
-    file = secure(tmp_path, authority, [agent.name for agent in mission.agents])
-    plan = load_network(file, mission)
-    options = LaunchOptions(network=plan, network_file=file, blows=LONG_ENOUGH, timeout=LONGEST)
-    forged = forger.issue("blue", trusted=authority.path)
-    with strangers() as there:
-
-        def invite(endpoints: Sequence[str]) -> None:
-            there.append(Stranger(mission, endpoints, forged))
-            there[0].start()
-
-        deployment, report = launch(mission, path, options, on_endpoints=invite)
-        assert there[0].replayed == 0
-    check(deployment, report)
-    assert report.died == ()
-    assert report.strangers == {}
-    assert len(report.agents) == len(mission.agents)
-    assert sum(report.refused.values()) > 0
-    assert all("certificate" in why for why in report.refused), report.refused
 
 
 def test_an_agent_that_cannot_start_ends_the_launch(path: Path, tmp_path: Path) -> None:

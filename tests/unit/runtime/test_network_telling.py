@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from covey.protocol import (
     TradeCommitted,
     TradeId,
 )
-from covey.runtime.network.network_telling import MOTION_EVERY, NetworkTeller
+from covey.runtime.network.network_telling import REPORTED_EVERY, NetworkTeller
 from covey.runtime.network.observer import Content, Observer
 from covey.runtime.watching.feed import (
     Activity,
@@ -274,7 +275,7 @@ def test_who_is_not_heard_is_where_it_committed_to_be(network: Network) -> None:
 def test_the_score_flown_is_that_of_the_true_poses(network: Network) -> None:
     poses = [Pose2(0.5, 0.25, 1.0), Pose2(-1.0, 1.5, 2.0), Pose2(1.0, -1.0, 0.0)]
     told = network.hear(*map(beat, range(3)), *(fly(network, agent, pose) for agent, pose in enumerate(poses)))
-    network.hear(after=2.0 * MOTION_EVERY)
+    network.hear(after=2.0 * REPORTED_EVERY)
     motion = network.view.motion
     assert motion is not None
     team = network.observer.team
@@ -288,12 +289,12 @@ def test_the_score_flown_is_that_of_the_true_poses(network: Network) -> None:
 def test_motions_are_told_as_often_as_is_useful(network: Network) -> None:
     told: list[Scene | Update] = []
     for step in range(100):
-        told += network.hear(fly(network, step % 3, Pose2(0.01 * step, 0.0, 0.0)), after=0.25 * MOTION_EVERY)
+        told += network.hear(fly(network, step % 3, Pose2(0.01 * step, 0.0, 0.0)), after=0.25 * REPORTED_EVERY)
     times = [motion.time for motion in motions(told)]
     assert 20 <= len(times) <= 26
-    assert min(np.diff(times)) >= MOTION_EVERY - 1e-9
-    assert motions(network.hear(after=10.0 * MOTION_EVERY)) != []  # the last of them
-    assert motions(network.hear(after=10.0 * MOTION_EVERY)) == []  # nothing is new
+    assert min(np.diff(times)) >= REPORTED_EVERY - 1e-9
+    assert motions(network.hear(after=2.0 * REPORTED_EVERY)) != []  # the last of them
+    assert motions(network.hear(after=2.0 * REPORTED_EVERY)) == []  # nothing is new
     network.hear(fly(network, 0, Pose2(1.0, 0.0, 0.0)), fly(network, 0, Pose2(1.5, 0.0, 0.0)), after=0.0)
     network.teller.end("settled", True)
     assert network.view.motion is not None
@@ -327,13 +328,52 @@ def test_of_a_vehicle_that_falls_silent_the_last_is_shown_and_no_speed(network: 
     assert np.isnan(health.battery[1:]).all()
 
 
+def test_when_all_fall_silent_no_speed_and_no_score_are_shown(network: Network) -> None:
+    goals = network.observer.team.poses
+    network.hear(*map(beat, range(3)), *(fly(network, agent, pose) for agent, pose in enumerate(goals)))
+    network.hear(after=2.0 * REPORTED_EVERY)
+    assert network.view.motion is not None
+    assert network.view.motion.score_flown == pytest.approx(network.observer.team.score)
+    for _ in range(10):
+        network.hear(after=0.1 * DEAD_AFTER)
+    assert math.isnan(network.view.motion.score_flown)
+    assert np.isnan(network.view.motion.velocities_W).all()
+    assert motions(network.hear(after=DEAD_AFTER)) == []  # it is told once
+
+
+def test_who_leaves_at_the_end_is_not_silent(network: Network) -> None:
+    goals = network.observer.team.poses
+    network.hear(*map(beat, range(3)), *(fly(network, agent, pose) for agent, pose in enumerate(goals)))
+    network.hear(fly(network, 0, goals[0]), after=0.5 * REPORTED_EVERY)
+    network.now += 10.0 * DEAD_AFTER  # processes end, poses are proved
+    network.teller.end("settled", True)
+    assert network.view.motion is not None
+    assert network.view.motion.score_flown == pytest.approx(network.observer.team.score)
+    assert network.view.activity.tolist() == [Activity.IDLE] * 3
+    network.hear(after=0.1)
+    assert math.isnan(network.view.motion.score_flown), "who watches on sees that they are gone"
+
+
+def test_a_new_life_without_a_vehicle_is_at_its_committed_pose(network: Network) -> None:
+    network.hear(beat(0), fly(network, 0, Pose2(0.5, 0.25, 1.0), battery=0.75))
+    old = fly(network, 0, Pose2(0.75, 0.25, 1.0))
+    network.hear(replace(beat(0), sender=Sender(0, 2)), after=1.0)
+    network.hear(old, after=1.0)
+    network.hear(after=1.0)
+    assert network.view.motion is not None
+    assert network.view.health is not None
+    pose = network.observer.team.poses[0]
+    np.testing.assert_allclose(network.view.motion.poses[0, :2], [pose.x, pose.y])
+    assert np.isnan(network.view.health.battery[0])
+
+
 def test_who_joins_flies_as_well(network: Network) -> None:
     joins = AgentChange(3, True, '{"name": "orange", "pose": {"x_m": 0, "y_m": 0}}')
     late = Telemetry(Sender(3, 1), fly(network, 0, Pose2(0.5, 0.5, 0.0)).state, 0.5)
     assert motions(network.hear(late)) == []  # of whom nothing is known yet
     network.hear(fly(network, 0, Pose2(0.0, 0.0, 0.0)))
     network.observer.learn(Catalogue(agents={3: joins}))
-    told = network.hear(beat(3), late, after=2.0 * MOTION_EVERY)
+    told = network.hear(beat(3), late, after=2.0 * REPORTED_EVERY)
     (motion,) = motions(told)
     assert motion.poses.shape == (4, 7)
     assert motion.poses[3, 0] == 0.5

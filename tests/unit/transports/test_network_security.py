@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +165,21 @@ def test_a_member_that_names_another_in_its_message_is_counted(listed: Guarded) 
     two.send(0, busy(1))
     wait_until(lambda: listed.a.receive() or listed.a.dropped, "the lie is counted")
     assert listed.a.dropped == {Drop.IMPOSTOR: 1}
+
+
+def sees(one: ZenohTransport, other: ZenohTransport) -> bool:
+    return one.peers == {other.sender}
+
+
+def test_who_joins_anew_has_the_same_rights(listed: Guarded) -> None:
+    for member, other in ((listed.a, listed.b), (listed.b, listed.a)):
+        member._renew()
+        for one, another in ((member, other), (other, member)):
+            wait_until(partial(sees, one, another), "they meet again")
+        for one in (listed.a, listed.b):
+            one.receive()
+        listed.require_going_on()
+        assert member.renewals == 1
 
 
 def test_an_observer_on_the_list_hears(listed: Guarded) -> None:

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import textwrap
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from functools import partial
@@ -16,7 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 from tests.contents import AGENTS, CODEC, LANDMARKS, telemetry
-from tests.net import connect_team, free_endpoint, settle_team, wait_until
+from tests.net import child, connect_team, free_endpoint, settle_team, wait_until
 from zenoh.handlers import Callback
 
 from covey.errors import ArgumentError, Drop, NetworkError
@@ -270,31 +266,6 @@ def test_observers_hear_of_vehicles_and_agents_do_not(net: Net) -> None:
         assert b.dropped == {}
 
 
-CHILD = """
-    import sys
-    from covey.protocol import Abort, Busy, Reason, Sender, TradeId
-    from covey.transports.codec import Codec
-    from covey.transports.network import NetworkOptions
-    from covey.transports.zenoh import ZenohTransport
-
-    codec = Codec(bytes.fromhex(sys.argv[1]), agents=int(sys.argv[2]), landmarks=int(sys.argv[3]))
-    options = NetworkOptions(connect=(sys.argv[4],), lease=float(sys.argv[5]))
-    transport = ZenohTransport(Sender(1, 1), codec, options)
-    while True:
-        transport.wait(60.0)
-        for message in transport.receive():
-            if isinstance(message, Abort):
-                sys.exit()
-            transport.send(0, Busy(Sender(1, 1), message.trade))
-"""
-
-
-def child(meeting_point: str, *, lease: float = 10.0) -> subprocess.Popen[bytes]:
-    """Agent 1 in a process of its own; it says BUSY to everything, and leaves when it hears ABORT."""
-    arguments = [CODEC.digest.hex(), str(AGENTS), str(LANDMARKS), meeting_point, str(lease)]
-    return subprocess.Popen([sys.executable, "-W", "error", "-c", textwrap.dedent(CHILD), *arguments])
-
-
 def require_answer(transport: ZenohTransport, number: int) -> None:
     """Ask agent 1 and get its answer."""
     transport.send(1, busy(0, number))
@@ -305,13 +276,13 @@ def require_answer(transport: ZenohTransport, number: int) -> None:
 def test_it_works_between_processes_and_a_killed_one_becomes_a_suspect() -> None:
     meeting_point = free_endpoint()
     with closing(ZenohTransport(Sender(0, 1), CODEC, NetworkOptions(listen=(meeting_point,)))) as a:
-        with child(meeting_point) as other:
+        with child(CODEC, meeting_point) as other:
             wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there")
             for number in range(20):
                 require_answer(a, number)
             other.kill()
         wait_until(lambda: a.suspects == {Sender(1, 1)}, "its token is lost")
-        with child(meeting_point) as other:
+        with child(CODEC, meeting_point) as other:
             wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there again")
             a.send(1, Abort(Sender(0, 1), TradeId(0, 1, 30), Reason.STALE))
             assert other.wait(30.0) == 0
@@ -320,7 +291,7 @@ def test_it_works_between_processes_and_a_killed_one_becomes_a_suspect() -> None
 def test_a_silent_process_becomes_a_suspect_and_is_back_when_it_speaks() -> None:
     meeting_point = free_endpoint()
     options = NetworkOptions(listen=(meeting_point,), lease=1.0)
-    with closing(ZenohTransport(Sender(0, 1), CODEC, options)) as a, child(meeting_point, lease=1.0) as other:
+    with closing(ZenohTransport(Sender(0, 1), CODEC, options)) as a, child(CODEC, meeting_point, lease=1.0) as other:
         wait_until(lambda: a.peers == {Sender(1, 1)}, "the other process is there")
         other.send_signal(signal.SIGSTOP)
         wait_until(lambda: a.suspects == {Sender(1, 1)}, "its lease is over")
@@ -329,61 +300,6 @@ def test_a_silent_process_becomes_a_suspect_and_is_back_when_it_speaks() -> None
         require_answer(a, 1)
         assert a.suspects == frozenset()
         other.kill()
-
-
-def test_who_hears_somebody_without_a_token_joins_the_network_anew() -> None:
-    meeting_point, lease = free_endpoint(), 0.3
-    here = NetworkOptions(listen=(meeting_point,), lease=lease)
-    there = NetworkOptions(connect=(meeting_point,), lease=lease)
-    with (
-        closing(ZenohTransport(Sender(0, 1), CODEC, here)) as a,
-        closing(ZenohTransport(Sender(1, 1), CODEC, there)) as b,
-    ):
-        wait_until(lambda: a.peers == {Sender(1, 1)}, "agent 1 is there")
-        sequence = iter(range(10_000))
-
-        def renewals() -> int:
-            b.publish(beat(1, next(sequence)))
-            a.receive()
-            return a.renewals
-
-        for _ in range(5):
-            assert renewals() == 0
-        before = a._session.info.zid()
-        b._token.undeclare()
-        wait_until(renewals, "agent 0 gives its session up")
-        assert a._session.info.zid() != before
-        b._token = b._session.liveliness().declare_token(f"{PREFIX}/alive/1/1")
-        wait_until(lambda: a.peers == {Sender(1, 1)} and b.peers == {Sender(0, 1)}, "they meet again")
-        b.receive()
-        a.send(1, busy(0))
-        assert b.wait(30.0)
-        assert b.receive() == [busy(0)]
-        b.send(0, busy(1))
-        wait_until(lambda: busy(1) in a.receive(), "the answer comes back")
-        assert (a.renewals, b.renewals) == (1, 0)
-
-
-def test_a_session_that_cannot_be_renewed_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    meeting_point, lease = free_endpoint(), 0.3
-    options = NetworkOptions(listen=(meeting_point,), lease=lease)
-    joins = []
-
-    def deny(*arguments: object, **options: object) -> zenoh.Session:
-        joins.append(arguments)
-        raise NetworkError("the port is taken")
-
-    with closing(ZenohTransport(Sender(0, 1), CODEC, options)) as a:
-        a._links.try_again(time.monotonic())
-        with monkeypatch.context() as patched:
-            patched.setattr("covey.transports.zenoh.open_session", deny)
-            wait_until(lambda: a.receive() or len(joins) == 2, "it has been tried twice")
-            a.send(1, busy(0))
-            a.publish(beat(0, 1))
-            assert a.unsent == 2
-        other = NetworkOptions(connect=(meeting_point,), lease=lease)
-        with closing(ZenohTransport(Sender(1, 1), CODEC, other)) as b:
-            wait_until(lambda: a.receive() or b.peers == {Sender(0, 1)}, "agent 0 is back")
 
 
 def test_what_is_sent_after_closing_goes_nowhere(net: Net) -> None:

@@ -16,9 +16,9 @@ from matplotlib.textpath import TextPath
 from matplotlib.transforms import IdentityTransform
 from numpy.typing import NDArray
 
+from covey.environment.lattice import find_lattice
 from covey.geometry import Pose2
 from covey.runtime.drawing.flight_paths import mark_radius, pale
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.map_drawing import INK, draw_badges, draw_poses, scatter_loose
 from covey.runtime.drawing.palette import rgb
 from covey.vehicles.flight_log import FlightLog

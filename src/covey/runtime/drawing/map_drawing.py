@@ -20,8 +20,8 @@ from matplotlib.transforms import Affine2D, IdentityTransform
 from numpy.typing import NDArray
 
 from covey.environment import Landmarks
+from covey.environment.lattice import Lattice, find_lattice
 from covey.geometry import Pose2, Region
-from covey.runtime.drawing.lattice import Lattice, find_lattice
 from covey.runtime.drawing.palette import colours, is_light, rgb
 
 if TYPE_CHECKING:

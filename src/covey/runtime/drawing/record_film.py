@@ -15,12 +15,12 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from covey.environment import Landmarks
+from covey.environment.lattice import find_lattice
 from covey.errors import OutputError, ResultError
 from covey.runtime.drawing.film import DPI, FPS, GIF_DPI, GIF_FPS, Report, choose_speed, encode_film, find_ffmpeg
 from covey.runtime.drawing.film_frames import HEIGHT, WIDTH, Pixels
 from covey.runtime.drawing.flight_drawing import clip_text, new_page, place_axes, write_title
 from covey.runtime.drawing.flight_paths import pale
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.map_drawing import INK, STYLE, scatter_loose
 from covey.runtime.drawing.palette import rgb
 from covey.runtime.watching.feed import (

@@ -230,7 +230,7 @@ class _Launch:
 
     def _start(self, agent: int, observer: Observer, endpoints: Sequence[str], state: Path | None) -> None:
         options, name = self._options, observer.team.names[agent]
-        others = [*endpoints[:agent], endpoints[-1]]  # of each two one connects, see `covey.transports.one_way`
+        others = [*endpoints[:agent], endpoints[-1]]  # of each two one dials, see `covey.transports.links`
         arguments = ["agent", "--name", name, "--mission", str(self._path), "--attached", "--json"]
         arguments += ["--quiet", "--seed", str(self.mission.seed), "--listen", endpoints[agent]]
         arguments += [word for endpoint in others for word in ("--connect", endpoint)]

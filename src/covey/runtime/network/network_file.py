@@ -69,7 +69,9 @@ class NetworkPlan:
         With an access list: the names of those that may join, in the order in which they may.
     """
 
-    options: NetworkOptions = field(default_factory=lambda: NetworkOptions(lease=LEASE))
+    options: NetworkOptions = field(
+        default_factory=lambda: NetworkOptions(lease=LEASE, silence=NETWORK_TIMES.dead_after)
+    )
     times: MembershipOptions = NETWORK_TIMES
     joining: tuple[str, ...] | None = None
 
@@ -170,6 +172,7 @@ def _read(data: object, report: Report, folder: Path, mission: Mission) -> Netwo
         connect=tuple(file.connect if file.router is None else [file.router]),
         multicast=file.multicast,
         lease=file.lease_s,
+        silence=file.dead_after_s,
         answer_timeout=file.answer_timeout_s,
         credentials=credentials,
         access=access,

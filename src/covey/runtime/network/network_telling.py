@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from covey.flight.arrival import arrived
 from covey.flight.layout import OBSERVATION, OMEGA, QUAT, P, V
 from covey.flight.parameters import load_vehicle
-from covey.protocol import AgentBuried, Heartbeat, LandmarksAdopted, OfferStands, TradeCommitted
+from covey.protocol import AgentBuried, Heartbeat, LandmarksAdopted, OfferStands, Sender, TradeCommitted
 from covey.runtime.network.observer import Heard, Observer
 from covey.runtime.plan import software_versions
 from covey.runtime.watching.feed import (
@@ -28,13 +28,10 @@ from covey.runtime.watching.feed import (
     Watcher,
     Weights,
 )
-from covey.runtime.watching.telling import KINDS, Teller, change_text, describe, planar, pose_rows
+from covey.runtime.watching.telling import HEALTH_EVERY, KINDS, Teller, change_text, describe, planar, pose_rows
 from covey.transports.telemetry import Telemetry
 
-HEALTH_EVERY = 1.0
-"""Seconds between two `Health`s while nobody's activity changes."""
-
-MOTION_EVERY = 0.1
+REPORTED_EVERY = 0.1
 """Seconds between two `Motion`s, at least: as often as an agent reports."""
 
 SILENT = 0.5
@@ -65,8 +62,12 @@ class NetworkTeller(Teller):
         self._vehicles = np.empty((0, OBSERVATION))
         self._battery = np.empty(0)
         self._altitudes = np.empty(0)
+        self._lives = np.empty(0, dtype=np.int64)
         self._has_moved = False
+        self._told_fresh = np.empty(0, dtype=np.bool_)  # whose vehicles told their places when that was told last
         self._motion_due = -math.inf
+        self._newest = 0.0  # when anything was heard last
+        self._is_ending = False
         self._catalogue = team.planner.catalogue
         self._entries = len(team.history)
         self._moved: dict[str, deque[int]] = {"trade": deque(), "adoption": deque()}  # landmarks, by event
@@ -99,6 +100,8 @@ class NetworkTeller(Teller):
         self._reported = np.append(self._reported, np.full(more, np.nan))
         self._vehicles = np.append(self._vehicles, np.full((more, OBSERVATION), np.nan), axis=0)
         self._battery = np.append(self._battery, np.full(more, np.nan))
+        self._lives = np.append(self._lives, np.full(more, -1))
+        self._told_fresh = np.append(self._told_fresh, np.zeros(more, dtype=np.bool_))
         count, flight = len(self._names), self._observer.team.first_mission.flight
         self._altitudes = np.array(flight.altitudes(count)) if self._flies else np.zeros(count)
         self.tell(self.scene)
@@ -120,6 +123,7 @@ class NetworkTeller(Teller):
 
     def hear(self, item: Heard) -> None:
         """Take in what the observer heard."""
+        self._newest = item.time
         if isinstance(item.content, Telemetry):
             self._look_for_changes()
             self._take_report(item.time, item.content)
@@ -128,6 +132,7 @@ class NetworkTeller(Teller):
             agent = item.content.sender.agent
             if agent >= len(self._heard):
                 return  # of whom nothing is known yet
+            self._note_life(item.content.sender)
             self._heard[agent] = item.time
             self._quiescent[agent] = item.content.quiescent
         elif isinstance(item.content, OfferStands):
@@ -144,8 +149,9 @@ class NetworkTeller(Teller):
     def _take_report(self, time: float, telemetry: Telemetry) -> None:
         """Note where a vehicle is; `update` tells the rest."""
         agent = telemetry.sender.agent
-        if agent >= len(self._reported):
-            return  # of whom nothing is known yet
+        if agent >= len(self._reported) or telemetry.sender.incarnation < self._lives[agent]:
+            return  # of whom nothing is known yet, or who is no more
+        self._note_life(telemetry.sender)
         self._reported[agent] = time
         self._vehicles[agent] = telemetry.state
         self._battery[agent] = telemetry.battery
@@ -156,13 +162,28 @@ class NetworkTeller(Teller):
             self._begin()
         self._tell_motion()
 
+    def _note_life(self, sender: Sender) -> None:
+        """Forget the vehicle of an agent's life that is over: the next may have none."""
+        agent = sender.agent
+        if sender.incarnation > self._lives[agent]:
+            self._lives[agent] = sender.incarnation
+            self._has_moved |= not np.isnan(self._reported[agent])
+            self._reported[agent] = self._battery[agent] = np.nan
+            self._vehicles[agent] = np.nan
+
+    @property
+    def _now(self) -> float:
+        """The moment for which the state is told: at the end that of the last word, for who leaves is not silent."""
+        return self._newest if self._is_ending else self._observer.time
+
     def _tell_motion(self, *, at_once: bool = False) -> None:
         """Tell where the vehicles are, if that is news; who has none, or does not tell, is at its committed pose."""
-        now = self._observer.time
-        if not self._has_moved or (now < self._motion_due and not at_once):
+        now, fresh = self._observer.time, self._fresh()
+        is_news = self._has_moved or not np.array_equal(fresh, self._told_fresh)
+        if not is_news or (now < self._motion_due and not at_once):
             return
-        self._has_moved, self._motion_due = False, now + MOTION_EVERY
-        known, fresh = ~np.isnan(self._reported), self._fresh()
+        self._has_moved, self._told_fresh, self._motion_due = False, fresh, now + REPORTED_EVERY
+        known = ~np.isnan(self._reported)
         poses = self._poses()
         poses[known] = np.hstack([self._vehicles[known, P : P + 3], self._vehicles[known, QUAT : QUAT + 4]])
         velocities, rates = self._vehicles[:, V : V + 3].copy(), self._vehicles[:, OMEGA : OMEGA + 3].copy()
@@ -172,7 +193,7 @@ class NetworkTeller(Teller):
 
     def _fresh(self) -> NDArray[np.bool_]:
         """Return whose vehicles are known to be where they were reported, shape (m,)."""
-        return np.asarray(self._observer.time - self._reported <= SILENT * self._dead_after)
+        return np.asarray(self._now - self._reported <= SILENT * self._dead_after)
 
     def _score_flown(self, poses: NDArray[np.float64]) -> float:
         """Return the team's score from where the vehicles are; NaN while one of those that watch does not tell."""
@@ -243,15 +264,17 @@ class NetworkTeller(Teller):
 
     def end(self, status: str, holds: bool | None) -> None:
         """Tell the last state, and that the mission is over."""
+        self._is_ending = True
         self.update()
         self._tell_motion(at_once=True)
         for server in list(self._offers):
             self._close(self._observer.time, server)
         self.state(self._state())
+        self._is_ending = False
         self.tell(Ended(self._observer.time, status, holds, float(self._scores().sum())))
 
     def _activity(self) -> NDArray[np.uint8]:
-        silence = self._observer.time - self._heard
+        silence = self._now - self._heard
         activity = np.where(self._quiescent, Activity.QUIESCENT, Activity.IDLE).astype(np.uint8)
         activity[self._under_way()] = Activity.FLYING
         activity[silence > SILENT * self._dead_after] = Activity.SUSPECT

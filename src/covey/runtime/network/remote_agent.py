@@ -317,7 +317,7 @@ class RemoteAgent:
         """Tell where the vehicle is, if there is one and it is time to."""
         now = self._clock()
         state = self.vehicle.state if now >= self._report_at else None
-        if state is not None:
+        if state is not None and np.isfinite(state).all():
             self._report_at = now + REPORT_EVERY
             self._on_telemetry(Telemetry(self.node.sender, state, self.vehicle.battery))
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from covey.environment.georeference import GeoReference
+from covey.environment.lattice import find_lattice
 from covey.errors import ArgumentError
-from covey.runtime.drawing.lattice import find_lattice
 from covey.runtime.drawing.palette import colours
 from covey.runtime.result import Deployment
 

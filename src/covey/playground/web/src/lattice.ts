@@ -1,4 +1,4 @@
-// Landmarks that are the cells of a square grid, as in `covey.runtime.drawing.lattice`.
+// Landmarks that are the cells of a square grid, as in `covey.environment.lattice`.
 
 import type { World } from "./state";
 
