@@ -326,12 +326,14 @@ def exercise_schema() -> dict[str, Any]:
 
 def _exercise(text: str, syntax: str, *, source: str, folder: Path, path: Path | None, seed: int | None) -> Exercise:
     from covey.mission.document import parse
-    from covey.mission.exercise_build import ExerciseReport, build
+    from covey.mission.exercise_build import build
+    from covey.mission.exercise_schema import ExerciseFile
+    from covey.mission.report import Report
 
     if seed is not None and not 0 <= seed < 2**63:
         raise ArgumentError(f"seed: expected an integer from 0 to 2^63 - 1, got {seed}")
     document = parse(text, syntax, source)
-    report = ExerciseReport(source, document)
+    report = Report(source, document, ExerciseFile)
     exercise = None
     if document.data is not None or not document.mistakes:
         exercise = build(document.data, report, folder=folder, path=path, seed=seed)

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
-from covey.environment.json_text import KeyPath, describe, key_text
+from covey.environment.json_text import KeyPath, describe
 from covey.errors import ArgumentError, CoveyError
 from covey.flight.obstacles import Obstacle, clearance, pack
 from covey.flight.parameters import VehicleParameters, load_vehicle, vehicle_names
@@ -34,50 +33,15 @@ from covey.mission.exercise_schema import (
     ObjectSection,
     PlaceSection,
     VehicleSection,
-    known_keys,
 )
 from covey.mission.flight import NoiseSpec, WindSpec
 from covey.mission.flight_build import build_obstacle
 from covey.mission.flight_schema import ObstacleSection
-from covey.mission.report import Report, nearest, one_of, plain_path, wrong_version
+from covey.mission.report import Report, nearest, one_of, wrong_version
 from covey.mission.schema import SCHEMA_VERSIONS
 from covey.mission.schema_base import Section
 
 S = TypeVar("S", bound=Section)
-
-
-class ExerciseReport(Report):
-    """A report that knows the keys of exercises."""
-
-    def add_pydantic(self, errors: Sequence[ErrorDetails]) -> None:
-        """Note what pydantic found, in the words of this file format."""
-        meant: set[KeyPath] = set()
-        for error in errors:
-            if error["type"] == "extra_forbidden":
-                path = plain_path(error["loc"])
-                near, hint = _suggest(path[:-1], str(path[-1]))
-                if near:
-                    meant.add((*path[:-1], near))
-                self.add(path, f"unknown key {str(path[-1])[:60]!r}", hint)
-        known = ("extra_forbidden", "missing")
-        super().add_pydantic([e for e in errors if e["type"] not in known or not _covered(e, meant)])
-
-
-def _covered(error: ErrorDetails, meant: set[KeyPath]) -> bool:
-    """Whether it is an unknown key, or the lack of one that is only misspelt."""
-    return error["type"] == "extra_forbidden" or plain_path(error["loc"]) in meant
-
-
-def _suggest(parent: KeyPath, key: str) -> tuple[str | None, str]:
-    keys = known_keys()
-    here = keys.get(tuple(part if isinstance(part, str) else "[]" for part in parent), [])
-    near = nearest(key, here)
-    if near is not None:
-        return near, f"did you mean {near!r}?"
-    elsewhere = [key_text((*place, key)) for place, known in keys.items() if key in known and "[]" not in place]
-    if elsewhere:
-        return None, f"{key!r} belongs at {elsewhere[0]}"
-    return None, f"known here: {', '.join(here)}" if here else ""
 
 
 @dataclass(frozen=True)
@@ -90,7 +54,7 @@ class _Parts:
     duration: float
 
 
-def build(data: Any, report: ExerciseReport, *, folder: Path, path: Path | None, seed: int | None) -> Exercise | None:
+def build(data: Any, report: Report, *, folder: Path, path: Path | None, seed: int | None) -> Exercise | None:
     """Build the exercise, or note every mistake in the report and return None."""
     if not isinstance(data, dict):
         report.add((), f"expected the keys of an exercise, got {describe(data)}")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -155,20 +154,3 @@ class _WithoutNull(GenerateJsonSchema):
         if schema.get("default", 0) is None:
             return self.generate_inner(schema["schema"])
         return super().default_schema(schema)
-
-
-@cache
-def known_keys() -> dict[tuple[str, ...], list[str]]:
-    """Keys known at each place, with "[]" for an index, such as ("exercise", "vehicles", "[]", "start")."""
-    result: dict[tuple[str, ...], list[str]] = {}
-
-    def visit(path: tuple[str, ...], annotation: Any) -> None:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            for key, info in annotation.model_fields.items():
-                result.setdefault(path, []).append(key)
-                visit((*path, key), info.annotation)
-        for part in getattr(annotation, "__args__", ()):
-            visit((*path, "[]") if getattr(annotation, "__origin__", None) is list else path, part)
-
-    visit((), ExerciseFile)
-    return result
