@@ -74,6 +74,26 @@ def test_only_batteries_of_which_something_is_known_are_on_their_topics() -> Non
     topics.write(Health(2.0, activity, np.array([math.nan, 0.25]), unknown, unknown), 2)
     ((topic, kind),) = put
     assert (topic.split("/")[-1], kind) == ("battery", ros_types.BATTERY)
+    for tenth in range(1, 51):  # healths come more often when activities change
+        topics.write(Health(2.0 + 0.1 * tenth, activity, np.array([math.nan, 0.25]), unknown, unknown), 2 + tenth)
+    assert 5 <= len(put) <= 7
+
+
+def test_who_hovers_is_told_of_less_often() -> None:
+    put: list[str] = []
+    topics = StandardTopics(lambda topic, kind, data, latched: put.append(topic))
+    topics.write(next(sample_feed(agents=3, landmarks=16)), 0)
+    put.clear()
+    poses = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (3, 1))
+    velocities = np.array([[0.05, 0.0, 0.0], [0.5, 0.0, 0.0], [np.nan] * 3])
+    for tick in range(200):  # ten seconds
+        topics.write(
+            Motion(0.05 * tick, poses, velocities, np.zeros((3, 3)), np.empty((0, 3)), math.nan, math.inf), tick
+        )
+    hovering, moving, unknown = (sum(f"agent_{k}/odometry" in topic for topic in put) for k in (1, 2, 3))
+    assert (moving, unknown) == (100, 100)
+    assert 10 <= hovering <= 11
+    assert put.count("/tf") == 100
 
 
 @given(st.lists(st.text(max_size=8), max_size=12))

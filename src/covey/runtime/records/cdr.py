@@ -33,6 +33,15 @@ class CdrWriter:
         """Return the message."""
         return HEADER + self._buffer
 
+    def body(self) -> bytes:
+        """Return what was written, without the header."""
+        return bytes(self._buffer)
+
+    def constant(self, body: bytes) -> None:
+        """Write what another writer wrote whose numbers have four bytes at most."""
+        self.align(4)
+        self._buffer += body
+
     def align(self, size: int) -> None:
         """Fill up to a multiple of a size, bytes."""
         self._buffer += _PADDING[-len(self._buffer) % size]

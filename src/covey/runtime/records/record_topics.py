@@ -34,8 +34,14 @@ FRAME = "map"
 MANY = 5000
 """With more landmarks than these the cells are written with each `TeamState` only, not after every change."""
 
+BATTERY_EVERY = 1.0
+"""Seconds between two messages of a battery, at least."""
+
 ODOMETRY_EVERY = 0.1
 """Seconds between two odometries of a vehicle, and two transforms; `Motion`s are written as often as they come."""
+
+HOVER_EVERY, HOVERING = 1.0, 0.1
+"""The same of a vehicle that hovers: with velocities, m/s, and body rates, rad/s, below this."""
 
 GREY, WHITE, INK = "#bdbdbd", "#ffffff", "#1f2328"
 
@@ -80,8 +86,9 @@ class StandardTopics:
         self._odometry: list[ros.OdometryMessage] = []
         self._transforms = ros.TransformsMessage(FRAME, [])
         self._posed = np.empty((0, 7))
+        self._hover_due = np.empty(0)
         self._flown = self._separation = math.nan
-        self._odometry_due = -math.inf
+        self._odometry_due = self._batteries_due = -math.inf
 
     def write(self, item: Scene | Update, now: int) -> None:
         """Write what an item changes; `now` in nanoseconds."""
@@ -124,6 +131,7 @@ class StandardTopics:
         self._odometry = [ros.OdometryMessage(FRAME, name) for name in self._names]
         self._transforms = ros.TransformsMessage(FRAME, self._names)
         self._posed = np.full((len(self._names), 7), np.nan)
+        self._hover_due = np.full(len(self._names), -math.inf)
         if self._view.obstacles:
             self._obstacles(now)
         size = scene.body_radius or 0.5 * _cell(scene)
@@ -143,9 +151,12 @@ class StandardTopics:
         poses = motion.poses.tolist()
         self._put("/tf", ros.TRANSFORMS, self._transforms.pack(now, poses), False)
         velocities_B = into_body(motion.poses[:, 3:], motion.velocities_W)
-        twists = np.concatenate([velocities_B, motion.rates_B], axis=1).tolist()
-        for name, message, pose, twist in zip(self._names, self._odometry, poses, twists, strict=True):
-            self._put(f"/covey/{name}/odometry", ros.ODOMETRY, message.pack(now, pose, twist), False)
+        twists = np.concatenate([velocities_B, motion.rates_B], axis=1)
+        hover = (np.abs(twists) < HOVERING).all(axis=1) & (motion.time < self._hover_due)
+        self._hover_due[~hover] = motion.time + 0.9 * HOVER_EVERY
+        for agent, twist in zip(np.flatnonzero(~hover).tolist(), twists[~hover].tolist(), strict=True):
+            data = self._odometry[agent].pack(now, poses[agent], twist)
+            self._put(f"/covey/{self._names[agent]}/odometry", ros.ODOMETRY, data, False)
         if motion.score_flown != self._flown and math.isfinite(motion.score_flown):
             self._flown = motion.score_flown
             self._number("/covey/score_flown", motion.score_flown)
@@ -154,6 +165,9 @@ class StandardTopics:
             self._number("/covey/separation", motion.separation)
 
     def _batteries(self, health: Health, now: int) -> None:
+        if health.time < self._batteries_due:
+            return
+        self._batteries_due = health.time + 0.9 * BATTERY_EVERY
         for name, share in zip(self._names, health.battery.tolist(), strict=True):
             if math.isfinite(share):
                 self._put(f"/covey/{name}/battery", ros.BATTERY, ros.battery_state(now, name, share), False)

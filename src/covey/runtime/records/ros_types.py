@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -129,13 +130,9 @@ def battery_state(nanoseconds: int, frame: str, share: float) -> bytes:
     """Return a ``sensor_msgs/BatteryState`` of which nothing but the share that is left, from 0 to 1, is known."""
     writer = CdrWriter()
     _header(writer, nanoseconds, frame)
-    writer.fixed(np.append(np.full(6, np.nan), share), np.float32)
-    for number in (DISCHARGING, UNKNOWN_HEALTH, UNKNOWN_TECHNOLOGY, True):
-        writer.number("<B", number)
-    for _ in range(2):
-        writer.number("<I", 0)  # cells
-    for _ in range(2):
-        writer.text("")
+    writer.constant(_NO_NUMBERS)
+    writer.number("<f", share)
+    writer.constant(_NO_CELLS)
     return writer.data()
 
 
@@ -259,17 +256,40 @@ def _marker(writer: CdrWriter, nanoseconds: int, marker: Marker) -> None:
     writer.number("<B", marker.frame_locked)
     writer.number("<I", len(marker.points))
     writer.fixed(marker.points, np.float64)
+    writer.constant(_NO_TEXTURE)
+    writer.text(marker.text)
+    writer.constant(_NO_MESH)
+
+
+def _no_texture() -> bytes:
+    writer = CdrWriter()
     writer.number("<I", 0)  # colours
     writer.text("")  # texture_resource
     _header(writer, 0, "")
     writer.text("")
     writer.number("<I", 0)  # texture
     writer.number("<I", 0)  # uv_coordinates
-    writer.text(marker.text)
+    return writer.body()
+
+
+def _no_mesh() -> bytes:
+    writer = CdrWriter()
     writer.text("")  # mesh_resource
     writer.text("")
     writer.number("<I", 0)  # mesh_file
     writer.number("<B", 0)
+    return writer.body()
+
+
+def _no_cells() -> bytes:
+    writer = CdrWriter()
+    for number in (DISCHARGING, UNKNOWN_HEALTH, UNKNOWN_TECHNOLOGY, True):
+        writer.number("<B", number)
+    for _ in range(2):
+        writer.number("<I", 0)
+    for _ in range(2):
+        writer.text("")  # where it is, serial number
+    return writer.body()
 
 
 def _stamp(writer: CdrWriter, nanoseconds: int) -> None:
@@ -286,3 +306,8 @@ def _header(writer: CdrWriter, nanoseconds: int, frame: str) -> None:
 def _pose(writer: CdrWriter, pose: Sequence[float]) -> None:
     x, y, z, qw, qx, qy, qz = pose
     writer.fixed(np.array([x, y, z, qx, qy, qz, qw]), np.float64)
+
+
+# What is not known or not there is the same in all messages.
+_NO_TEXTURE, _NO_MESH = _no_texture(), _no_mesh()
+_NO_NUMBERS, _NO_CELLS = struct.pack("<6f", *[math.nan] * 6), _no_cells()
