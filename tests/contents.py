@@ -15,9 +15,11 @@ from covey.geometry import Pose2
 from covey.protocol import (
     OPERATOR,
     AgentChange,
+    Busy,
     Catalogue,
     Cause,
     Change,
+    Heartbeat,
     LandmarkChange,
     Offer,
     PoseRecord,
@@ -151,6 +153,16 @@ def telemetry(agent: int = 1, *, x: float = 0.0, incarnation: int = 1, battery: 
     """The report of a level vehicle at 1.5 m that flies along x."""
     state = np.array([x, 0.0, 1.5, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     return Telemetry(Sender(agent, incarnation), state, battery)
+
+
+def busy(agent: int, number: int = 1) -> Busy:
+    """A message that is no answer to anything."""
+    return Busy(Sender(agent, 1), TradeId(agent, 1, number))
+
+
+def beat(agent: int, sequence: int) -> Heartbeat:
+    """A heartbeat of an agent at rest."""
+    return Heartbeat(Sender(agent, 1), sequence, True, 1, PoseRecord(1, 1, Pose2(0.0, 0.0, 0.0)), {}, {})
 
 
 def array(*values: int) -> NDArray[np.int64]:

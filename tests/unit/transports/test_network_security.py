@@ -12,22 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.certificates import Authority
-from tests.contents import CODEC, telemetry
+from tests.contents import CODEC, beat, busy, telemetry
 from tests.net import free_endpoint, wait_until
 
 from covey.errors import Drop, NetworkError
-from covey.geometry import Pose2
 from covey.protocol import (
-    Busy,
     Catalogue,
     Change,
-    Heartbeat,
     LandmarkChange,
     Map,
-    PoseRecord,
     RecordSlice,
     Sender,
-    TradeId,
 )
 from covey.transports.network import AccessList, Credentials, Mode, NetworkOptions, Router
 from covey.transports.telemetry import Telemetry
@@ -36,14 +31,6 @@ from covey.transports.zenoh_observer import ZenohObserver
 
 LONG_ENOUGH = 1.0
 """Seconds in which a stranger that is let in is long there: members take a few hundredths."""
-
-
-def busy(agent: int, number: int = 1) -> Busy:
-    return Busy(Sender(agent, 1), TradeId(agent, 1, number))
-
-
-def beat(agent: int, sequence: int) -> Heartbeat:
-    return Heartbeat(Sender(agent, 1), sequence, True, 1, PoseRecord(1, 1, Pose2(0.0, 0.0, 0.0)), {}, {})
 
 
 class Guarded:

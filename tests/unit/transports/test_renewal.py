@@ -10,26 +10,17 @@ from itertools import count
 
 import pytest
 import zenoh
-from tests.contents import CODEC
+from tests.contents import CODEC, beat, busy
 from tests.net import child, free_endpoint, wait_until
 
 from covey.errors import NetworkError
-from covey.geometry import Pose2
-from covey.protocol import Busy, Heartbeat, PoseRecord, Sender, TradeId
+from covey.protocol import Heartbeat, Sender
 from covey.transports.network import NetworkOptions
 from covey.transports.zenoh import ZenohTransport
 from covey.transports.zenoh_observer import ZenohObserver
 
 TOKEN = f"covey/{CODEC.digest.hex()}/alive/1/1"
 LEASE = 0.5
-
-
-def busy(agent: int, number: int = 1) -> Busy:
-    return Busy(Sender(agent, 1), TradeId(agent, 1, number))
-
-
-def beat(agent: int, sequence: int) -> Heartbeat:
-    return Heartbeat(Sender(agent, 1), sequence, True, 1, PoseRecord(1, 1, Pose2(0.0, 0.0, 0.0)), {}, {})
 
 
 class Pair:

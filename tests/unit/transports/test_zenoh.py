@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 import zenoh
-from tests.contents import AGENTS, CODEC, LANDMARKS, telemetry
+from tests.contents import AGENTS, CODEC, LANDMARKS, beat, busy, telemetry
 from tests.net import child, connect_team, free_endpoint, settle_team, wait_until
 from zenoh.handlers import Callback
 
@@ -21,10 +21,8 @@ from covey.protocol import (
     Abort,
     Busy,
     Cause,
-    Heartbeat,
     Map,
     PoseOptimized,
-    PoseRecord,
     Reason,
     RecordSlice,
     Sender,
@@ -37,14 +35,6 @@ from covey.transports.zenoh import ZenohTransport
 from covey.transports.zenoh_observer import ZenohObserver
 
 PREFIX = f"covey/{CODEC.digest.hex()}"
-
-
-def busy(agent: int, number: int = 1) -> Busy:
-    return Busy(Sender(agent, 1), TradeId(agent, 1, number))
-
-
-def beat(agent: int, sequence: int) -> Heartbeat:
-    return Heartbeat(Sender(agent, 1), sequence, True, 1, PoseRecord(1, 1, Pose2(0.0, 0.0, 0.0)), {}, {})
 
 
 class Net:
